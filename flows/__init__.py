@@ -1,0 +1,1 @@
+"""Order: which stage follows which, on what. No arithmetic, no arrays."""

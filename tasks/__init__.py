@@ -1,0 +1,1 @@
+"""Arithmetic: one stage, one module."""

@@ -1,0 +1,1 @@
+"""Rotations, skeletons and the floor: pure functions over arrays."""

@@ -1,0 +1,1 @@
+"""Comparing motions: normalization, paths and warping; pure functions over arrays."""

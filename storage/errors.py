@@ -1,4 +1,4 @@
-"""What can be wrong with an archive, or with a file that was brought to it."""
+"""What can go wrong with an archive, or with a file that was brought to it."""
 
 
 class InputError(ValueError):
@@ -6,4 +6,16 @@ class InputError(ValueError):
 
 
 class ArchiveError(ValueError):
-    """Something asked of the archive does not fit what it holds."""
+    """What stands in the archive does not fit what was asked of it."""
+
+
+class UnknownNameError(ValueError):
+    """A name that nothing has; the message gives the nearest names."""
+
+
+class ConflictError(ArchiveError):
+    """Somebody else published the same take in the meantime."""
+
+
+class PlaceError(OSError):
+    """The disk or object store behind an archive did not do what was asked: full, away, locked."""

@@ -1,0 +1,80 @@
+"""Arrays of a take in and out of Zarr, as labelled xarray datasets."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+from zarr.errors import UnstableSpecificationWarning
+
+from storage.places import Place, told, zarr_store
+from storage.provenance import Provenance
+from storage.schema import JOINTS, SPACE
+
+_FRAMES_A_CHUNK = 8192  # 2 MB of positions: a few requests an hour of dance
+
+
+def write_motion(
+    place: Place,
+    folder: str,
+    *,
+    position: NDArray[np.float32],
+    filled: NDArray[np.bool_],
+    rate_hz: float,
+    attributes: dict[str, Any],
+    provenance: Provenance,
+) -> None:
+    """Write the group `motion` of the version in `folder`.
+
+    Parameters
+    ----------
+    position : (time, joint, space) float32
+        Metres, y up; NaN where a joint is missing.
+    filled : (time, joint) bool
+        True where a gap was filled.
+    """
+    frames = len(position)
+    motion = xarray.Dataset(
+        {
+            "position": (("time", "joint", "space"), position, {"units": "m"}),
+            "filled": (("time", "joint"), filled),
+        },
+        coords={
+            "time": ("time", np.arange(frames) / rate_hz, {"units": "s"}),
+            "joint": list(JOINTS),
+            "space": list(SPACE),
+        },
+        attrs={
+            "joints": list(JOINTS),  # string arrays are not in the v3 specification
+            "rate_hz": rate_hz,
+            **attributes,
+            "provenance": provenance.attributes(),
+        },
+    )
+    chunk = min(frames, _FRAMES_A_CHUNK)
+    encoding: dict[str, Any] = {
+        "position": {"chunks": (chunk, len(JOINTS), len(SPACE)), "_FillValue": None},
+        "filled": {"chunks": (chunk, len(JOINTS))},
+        "time": {"_FillValue": None},
+    }
+    store = zarr_store(place, folder)
+    with told(f"write {place.url(folder)}"), warnings.catch_warnings():
+        # the names of joints stand in the attributes too, for readers that know no strings
+        warnings.simplefilter("ignore", UnstableSpecificationWarning)
+        motion.to_zarr(
+            store,
+            group="motion",
+            mode="w-",
+            zarr_format=3,
+            consolidated=False,
+            encoding=encoding,
+        )
+
+
+def open_group(place: Place, folder: str, group: str) -> xarray.Dataset:
+    """Return a group of the version in `folder`, its arrays read when they are used."""
+    store = zarr_store(place, folder, read_only=True)
+    with told(f"read {place.url(folder)}"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnstableSpecificationWarning)
+        return xarray.open_zarr(store, group=group, consolidated=False, chunks=None)

@@ -1,0 +1,253 @@
+"""Where an archive lives: a directory or an object store, through one small set of functions.
+
+Every file is written whole or not at all, and `create_file` is the one operation that two
+writers can race on: exactly one of them wins, on a disk (hard link) as on an object store
+(put if absent). Publication rests on nothing else.
+"""
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import obstore
+from obstore.exceptions import AlreadyExistsError, BaseError
+from obstore.store import LocalStore, ObjectStore, from_url
+
+from storage.errors import InputError, PlaceError
+
+_RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
+_DELETE_AT_ONCE = 1000  # what one request of S3 takes
+
+
+@dataclass(frozen=True)
+class Place:
+    """A directory (`folder` is set) or an object store."""
+
+    location: str
+    """As the user wrote it: a path, or a URL such as s3://bucket/prefix."""
+    store: ObjectStore
+    folder: Path | None
+
+    def url(self, path: str) -> str:
+        """Return the full path or URL of the file or folder at `path`."""
+        return str(self.folder / path) if self.folder else f"{self.location.rstrip('/')}/{path}"
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file as a listing shows it."""
+
+    path: str
+    size: int
+    modified: datetime
+
+
+def open_place(location: str | os.PathLike[str], *, make: bool = False) -> Place:
+    """Return the place at `location`: a directory, or a URL with a scheme such as s3://.
+
+    Credentials and endpoints of object stores come from the environment (AWS_...), as for
+    every other program that uses them.
+
+    Raises
+    ------
+    InputError
+        If the URL is of a kind that is not known.
+    PlaceError
+        If the directory is to be made and cannot be.
+    """
+    location = os.fspath(location)
+    if re.match(r"^[a-z][a-z0-9+]+://", location):
+        try:
+            return Place(location, from_url(location, retry_config=_RETRY), None)
+        except (BaseError, ValueError) as error:
+            raise InputError(
+                f"cannot use {location!r} as a place for an archive: {_first_line(error)}; "
+                "give a directory, or a URL such as s3://bucket/archive"
+            ) from error
+    folder = Path(location).expanduser().absolute()
+    if make:
+        with told(f"make the directory {folder}"):
+            folder.mkdir(parents=True, exist_ok=True)
+    if not folder.is_dir():
+        raise InputError(f"there is no directory {location!r}; check the path")
+    return Place(location, LocalStore(folder), folder)
+
+
+def read_file(place: Place, path: str) -> bytes:
+    """Return the bytes of the file at `path`; FileNotFoundError where there is none."""
+    with told(f"read {place.url(path)}"):
+        if place.folder:
+            return (place.folder / path).read_bytes()
+        return bytes(obstore.get(place.store, path).bytes())
+
+
+def write_file(place: Place, path: str, content: bytes) -> None:
+    """Write the file at `path`, whole or not at all, over what was there."""
+    with told(f"write {place.url(path)}"):
+        obstore.put(place.store, path, content)
+
+
+def create_file(place: Place, path: str, content: bytes) -> bool:
+    """Write the file at `path` if nothing is there, and say whether this call wrote it.
+
+    On a disk the content is on the medium before the name appears.
+    """
+    with told(f"write {place.url(path)}"):
+        if place.folder:
+            return _link_file(place.folder / path, content)
+        try:
+            obstore.put(place.store, path, content, mode="create")
+        except AlreadyExistsError:
+            return False
+        return True
+
+
+def list_files(place: Place, folder: str) -> list[StoredFile]:
+    """Return every file below `folder`, at any depth, in the order of the paths."""
+    with told(f"list {place.url(folder)}"):
+        if place.folder:
+            # not obstore's listing: it hides what a killed write left behind
+            return sorted(_walk(place.folder, folder), key=lambda file: file.path)
+        found = obstore.list(place.store, prefix=folder).collect()
+    files = [StoredFile(each["path"], each["size"], each["last_modified"]) for each in found]
+    return sorted(files, key=lambda file: file.path)
+
+
+def list_names(place: Place, folder: str) -> list[str]:
+    """Return the names directly in `folder`, of files and of folders, sorted."""
+    with told(f"list {place.url(folder)}"):
+        if place.folder:
+            inside = place.folder / folder
+            return sorted(os.listdir(inside)) if inside.is_dir() else []
+        found = obstore.list_with_delimiter(place.store, prefix=folder)
+    paths = [*found["common_prefixes"], *(each["path"] for each in found["objects"])]
+    return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in paths)
+
+
+def delete_files(place: Place, paths: Sequence[str]) -> None:
+    """Remove the files, and on a disk the folders that this leaves empty."""
+    with told(f"remove files from {place.location}"):
+        if place.folder:
+            for path in paths:
+                (place.folder / path).unlink(missing_ok=True)
+                _remove_empty_parents(place.folder, path)
+            return
+        for first in range(0, len(paths), _DELETE_AT_ONCE):
+            obstore.delete(place.store, list(paths[first : first + _DELETE_AT_ONCE]))
+
+
+def sync_files(place: Place, paths: Sequence[str]) -> None:
+    """On a disk, wait until the files and the folders that name them are on the medium."""
+    if not place.folder:
+        return
+    files = [place.folder / path for path in paths]
+    folders = {
+        parent for file in files for parent in file.parents if place.folder in parent.parents
+    }
+    with told(f"write to {place.location}"):
+        for path in (*files, *folders, place.folder):
+            _sync(path)
+
+
+def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
+    """Return the folder as a store that Zarr opens."""
+    from zarr.storage import ObjectStore as ZarrObjectStore
+
+    if place.folder:
+        (place.folder / folder).mkdir(parents=True, exist_ok=True)
+        return ZarrObjectStore(LocalStore(place.folder / folder), read_only=read_only)
+    inside = from_url(place.url(folder), retry_config=_RETRY)
+    return ZarrObjectStore(inside, read_only=read_only)
+
+
+@contextmanager
+def told(action: str) -> Iterator[None]:
+    """Turn a fault of the disk or object store into a PlaceError of one sentence.
+
+    A missing file stays FileNotFoundError.
+    """
+    try:
+        yield
+    except (FileNotFoundError, PlaceError):
+        raise
+    except (OSError, BaseError) as error:
+        raise PlaceError(f"cannot {action}: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Name the fault in the operating system's words, or in the object store's first line."""
+    number = error.errno if isinstance(error, OSError) else None
+    found = re.search(r"\(os error (\d+)\)", str(error))
+    if number is None and found:
+        number = int(found[1])
+    if number is None:
+        return f"{_first_line(error)}; check that the object store answers, then run it again"
+    advice = {
+        28: "free some space, then run it again",
+        30: "choose a place that can be written to",
+        13: "choose a place that you may write to",
+    }
+    return f"{os.strerror(number)}; {advice.get(number, 'mend this, then run it again')}"
+
+
+def _first_line(error: Exception) -> str:
+    """Leave out the debug print that obstore puts below its message."""
+    return str(error).strip().splitlines()[0].rstrip(". ")
+
+
+def _link_file(path: Path, content: bytes) -> bool:
+    """Write beside, wait for the medium, and give it the name unless the name is taken."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, beside = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".partial")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(beside, 0o644)
+        os.link(beside, path)
+    except FileExistsError:
+        return False
+    finally:
+        os.unlink(beside)
+    _sync(path.parent)
+    return True
+
+
+def _walk(root: Path, folder: str) -> Iterator[StoredFile]:
+    """Yield the files below root/folder, also while others write there."""
+    for above, _, names in os.walk(root / folder):
+        for name in names:
+            path = Path(above, name)
+            try:
+                status = path.stat()
+            except FileNotFoundError:
+                continue
+            modified = datetime.fromtimestamp(status.st_mtime, tz=UTC)
+            yield StoredFile(path.relative_to(root).as_posix(), status.st_size, modified)
+
+
+def _sync(path: Path) -> None:
+    """Wait until the file or folder is on the medium."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _remove_empty_parents(root: Path, path: str) -> None:
+    """Remove the folders above `path` that hold nothing, up to `root`."""
+    for parent in (root / path).parents:
+        if parent == root or root not in parent.parents:
+            return
+        try:
+            parent.rmdir()
+        except OSError:
+            return

@@ -29,7 +29,7 @@ _MARK = "archive.json"
 
 @dataclass(frozen=True)
 class Take:
-    """One continuous recording, as it was when it was asked for: later versions do not change it."""
+    """One continuous recording, as it was when asked for: later versions do not change it."""
 
     place: Place
     record: Record
@@ -86,7 +86,8 @@ class Archive:
         record = read_record(self.place, name)
         if record is None:
             raise UnknownNameError(
-                f"the archive {self.place.location} has no take {name!r}{nearest(name, self.takes())}"
+                f"the archive {self.place.location} has no take {name!r}"
+                f"{nearest(name, self.takes())}"
             )
         return Take(self.place, record)
 
@@ -107,7 +108,8 @@ def open_archive(location: str | os.PathLike[str]) -> Archive:
         number = int(mark["version"])
     except FileNotFoundError:
         raise InputError(
-            f"{os.fspath(location)!r} is not an archive: it has no {_MARK}; `shosa ingest` makes one"
+            f"{os.fspath(location)!r} is not an archive: it has no {_MARK}; "
+            "`shosa ingest` makes one"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ArchiveError(

@@ -1,0 +1,31 @@
+"""Make the arrays that a search reads, take by take.
+
+A take is normalized, resampled to the index rate and packed once, when it is published
+(retrieval paper, 3.3; the paper's section 5 asks for index data). The cost of one take does
+not depend on the size of the archive.
+"""
+
+import logging
+
+from storage import open_archive
+from storage.arrays import open_group
+from storage.publication import version_folder
+from storage.search_arrays import write_search_array
+from tasks.retrieval.normalization import DEFAULT_STATURE_M, pack_motion
+
+logger = logging.getLogger(__name__)
+
+
+def index_take(archive: str, take: str, version: str) -> str:
+    """Write the packed array of one version of a take; return its SHA-256."""
+    place = open_archive(archive).place
+    motion = open_group(place, version_folder(take, version), "motion")
+    stature_m = motion.attrs["stature_m"]
+    rows = pack_motion(
+        motion["position"].values,
+        float(motion.attrs["rate_hz"]),
+        DEFAULT_STATURE_M if stature_m is None else float(stature_m),
+    )
+    digest = write_search_array(place, take, version, rows)
+    logger.info("indexed take %s: %d samples", take, rows.shape[1])
+    return digest

@@ -12,6 +12,10 @@ from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
 from storage.schema import JOINTS, SPACE
 
+# the names of joints stand in the attributes too, for readers that know no strings; for good,
+# because catch_warnings is not safe beside other threads
+warnings.simplefilter("ignore", UnstableSpecificationWarning)
+
 _FRAMES_A_CHUNK = 8192  # 2 MB of positions: a few requests an hour of dance
 
 
@@ -59,9 +63,7 @@ def write_motion(
         "time": {"_FillValue": None},
     }
     store = zarr_store(place, folder)
-    with told(f"write {place.url(folder)}"), warnings.catch_warnings():
-        # the names of joints stand in the attributes too, for readers that know no strings
-        warnings.simplefilter("ignore", UnstableSpecificationWarning)
+    with told(f"write {place.url(folder)}"):
         motion.to_zarr(
             store,
             group="motion",
@@ -75,6 +77,5 @@ def write_motion(
 def open_group(place: Place, folder: str, group: str) -> xarray.Dataset:
     """Return a group of the version in `folder`, its arrays read when they are used."""
     store = zarr_store(place, folder, read_only=True)
-    with told(f"read {place.url(folder)}"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnstableSpecificationWarning)
+    with told(f"read {place.url(folder)}"):
         return xarray.open_zarr(store, group=group, consolidated=False, chunks=None)

@@ -9,7 +9,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -142,6 +142,18 @@ def delete_files(place: Place, paths: Sequence[str]) -> None:
             obstore.delete(place.store, list(paths[first : first + _DELETE_AT_ONCE]))
 
 
+def remove_empty_folders(place: Place, folder: str, *, before: datetime) -> None:
+    """On a disk, remove the folders below `folder` that hold nothing and are older than that."""
+    if not place.folder:
+        return
+    with told(f"remove folders from {place.location}"):
+        below = [Path(above) for above, _, _ in os.walk(place.folder / folder)]
+        old = [path for path in below if path.stat().st_mtime < before.timestamp()]
+        for path in reversed(old):  # from the leaves up
+            with suppress(OSError):  # not empty
+                path.rmdir()
+
+
 def sync_files(place: Place, paths: Sequence[str]) -> None:
     """On a disk, wait until the files and the folders that name them are on the medium."""
     if not place.folder:
@@ -247,7 +259,5 @@ def _remove_empty_parents(root: Path, path: str) -> None:
     for parent in (root / path).parents:
         if parent == root or root not in parent.parents:
             return
-        try:
+        with suppress(OSError):  # not empty
             parent.rmdir()
-        except OSError:
-            return

@@ -28,6 +28,7 @@ from storage.places import (
     list_files,
     list_names,
     read_file,
+    remove_empty_folders,
     sync_files,
 )
 from storage.provenance import digest_bytes, now
@@ -160,6 +161,8 @@ def collect_garbage(place: Place, *, older_than: timedelta) -> list[StoredFile]:
             if owner not in kept and all(file.modified < limit for file in files):
                 doomed += files
     delete_files(place, [file.path for file in doomed])
+    for top in ("takes", "index", "published"):
+        remove_empty_folders(place, top, before=limit)
     return doomed
 
 
@@ -220,9 +223,7 @@ def _parse_record(place: Place, path: str, content: bytes) -> Record:
         ) from error
 
 
-def _replaced_records(
-    place: Place, take: str, newest: int, limit: datetime
-) -> list[StoredFile]:
+def _replaced_records(place: Place, take: str, newest: int, limit: datetime) -> list[StoredFile]:
     """Return the records that a newer one replaced before `limit`, and stray parts of writes."""
     files = {file.path: file for file in list_files(place, f"published/{take}")}
     doomed = []

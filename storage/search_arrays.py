@@ -74,9 +74,7 @@ def verify_search_array(place: Place, take: str, version: str) -> list[str]:
     except (ValueError, KeyError, TypeError):
         expected, found = "", "unreadable"
     if found != expected:
-        return [
-            f"the search array of take {take!r} has changed; run `shosa index` on the archive"
-        ]
+        return [f"the search array of take {take!r} has changed; run `shosa index` on the archive"]
     return []
 
 

@@ -142,16 +142,19 @@ def delete_files(place: Place, paths: Sequence[str]) -> None:
             obstore.delete(place.store, list(paths[first : first + _DELETE_AT_ONCE]))
 
 
-def remove_empty_folders(place: Place, folder: str, *, before: datetime) -> None:
-    """On a disk, remove the folders below `folder` that hold nothing and are older than that."""
+def folders_older(place: Place, folder: str, before: datetime) -> list[Path]:
+    """On a disk, return the folders below `folder` untouched since `before`, leaves last."""
     if not place.folder:
-        return
-    with told(f"remove folders from {place.location}"):
-        below = [Path(above) for above, _, _ in os.walk(place.folder / folder)]
-        old = [path for path in below if path.stat().st_mtime < before.timestamp()]
-        for path in reversed(old):  # from the leaves up
-            with suppress(OSError):  # not empty
-                path.rmdir()
+        return []
+    below = [Path(above) for above, _, _ in os.walk(place.folder / folder)]
+    return [path for path in below if path.stat().st_mtime < before.timestamp()]
+
+
+def remove_empty_folders(folders: Sequence[Path]) -> None:
+    """Remove those of the folders that hold nothing, from the leaves up."""
+    for path in reversed(folders):
+        with suppress(OSError):  # not empty, or gone
+            path.rmdir()
 
 
 def sync_files(place: Place, paths: Sequence[str]) -> None:

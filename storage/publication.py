@@ -25,6 +25,7 @@ from storage.places import (
     StoredFile,
     create_file,
     delete_files,
+    folders_older,
     list_files,
     list_names,
     read_file,
@@ -160,9 +161,9 @@ def collect_garbage(place: Place, *, older_than: timedelta) -> list[StoredFile]:
         for owner, files in groups.items():
             if owner not in kept and all(file.modified < limit for file in files):
                 doomed += files
+    old = [path for top in ("takes", "index") for path in folders_older(place, top, limit)]
     delete_files(place, [file.path for file in doomed])
-    for top in ("takes", "index", "published"):
-        remove_empty_folders(place, top, before=limit)
+    remove_empty_folders(old)
     return doomed
 
 

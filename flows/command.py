@@ -1,0 +1,352 @@
+"""The command `shosa`: one sub-command a flow, or a look into an archive.
+
+Data goes to standard output, messages to standard error. Exit codes: 0 done, 2 wrong use,
+3 bad input, 4 a run failed, 130 interrupted. Prefect, Zarr and xarray are imported by the
+sub-commands that need them; a search does not.
+"""
+
+import argparse
+import logging
+import os
+import re
+import sys
+from collections.abc import Sequence
+from datetime import timedelta
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flows import printing
+from storage import open_archive
+from storage.errors import ArchiveError, InputError, UnknownNameError
+from storage.provenance import shosa_version
+
+if TYPE_CHECKING:
+    from tasks.importing import ImportSettings
+    from tasks.searching import SearchSettings
+
+DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the sub-command in `arguments` (default: the command line); return the exit code."""
+    options = build_parser().parse_args(arguments)
+    _log_to_standard_error(quiet=options.quiet)
+    try:
+        return options.run(options)
+    except (UnknownNameError, UsageError) as error:
+        return _fail(error, WRONG_USE)
+    except (InputError, ArchiveError) as error:
+        return _fail(error, BAD_INPUT)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        return _fail(error, RUN_FAILED)
+    except KeyboardInterrupt:
+        return _fail(
+            "interrupted; what was published stays, the rest can be run again", INTERRUPTED
+        )
+
+
+class UsageError(ValueError):
+    """The command was called with values that do not go together."""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="shosa", description="Digital archives of dance: ingest motion, search by movement."
+    )
+    parser.add_argument("--version", action="version", version=f"shosa {shosa_version()}")
+    parser.add_argument("--quiet", action="store_true", help="only errors on standard error")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_demo(commands)
+    _add_ingest(commands)
+    _add_looks(commands)
+    _add_search(commands)
+    _add_export(commands)
+    _add_upkeep(commands)
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    """Add a sub-command that calls `run` with the parsed options."""
+    command = commands.add_parser(name, help=text, description=text)
+    command.set_defaults(run=run)
+    return command
+
+
+def _add_demo(commands: Any) -> None:
+    text = "make an archive from generated performances, search it, draw what was found"
+    demo = _command(commands, "demo", _demo, text)
+    demo.add_argument("folder", nargs="?", default="shosa-demo", metavar="DIR")
+
+
+def _add_ingest(commands: Any) -> None:
+    text = "take motion files (C3D, TRC, BVH) into an archive, through the Prefect flow"
+    ingest = _command(commands, "ingest", _ingest, text)
+    ingest.add_argument("archive", metavar="ARCHIVE", help="a directory or s3://bucket/prefix")
+    ingest.add_argument("paths", nargs="+", metavar="PATH", help="a motion file, or a folder")
+    ingest.add_argument("--json", action="store_true", help="print the outcome as JSON")
+    _add_import_settings(ingest)
+    ingest.add_argument("--low-pass", type=float, metavar="HZ", help="smooth the markers")
+
+
+def _add_import_settings(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--map", metavar="FILE.toml", help="which markers make which joint")
+    command.add_argument("--scale", type=float, metavar="M", help="metres in one unit of the file")
+    command.add_argument("--up", choices=("x", "y", "z"), help="the file's axis that points up")
+
+
+def _add_looks(commands: Any) -> None:
+    takes = _command(commands, "takes", _takes, "list the takes of an archive")
+    takes.add_argument("archive", metavar="ARCHIVE")
+    takes.add_argument("--json", action="store_true")
+    show = _command(commands, "show", _show, "describe one take")
+    show.add_argument("archive", metavar="ARCHIVE")
+    show.add_argument("take", metavar="TAKE")
+    show.add_argument("--json", action="store_true")
+    path = _command(commands, "path", _path, "print where a take's Zarr group is")
+    path.add_argument("archive", metavar="ARCHIVE")
+    path.add_argument("take", metavar="TAKE")
+
+
+def _add_search(commands: Any) -> None:
+    search = _command(commands, "search", _search, "find what moves like a clip")
+    search.add_argument("archive", metavar="ARCHIVE")
+    search.add_argument(
+        "query", metavar="QUERY", help="TAKE[:START-END] or FILE[:START-END], frames inclusive"
+    )
+    search.add_argument("--part", default="whole", help="whole, upper, arms, feet, ...")
+    search.add_argument(
+        "--weight", action="append", default=[], metavar="JOINT=W", help="may be repeated"
+    )
+    search.add_argument("--top", type=int, default=10, metavar="N", help="at most N matches")
+    search.add_argument("--threshold", type=float, metavar="D", help="only distances below D")
+    search.add_argument("--steps", choices=("slope", "paper"), default="slope")
+    search.add_argument("--mirror", action="store_true", help="also left and right exchanged")
+    search.add_argument(
+        "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
+    )
+    search.add_argument("--takes", metavar="GLOB", help="search only in these takes")
+    search.add_argument("--json", action="store_true")
+    search.add_argument("--flow", action="store_true", help="run it as a Prefect flow")
+    _add_import_settings(search)
+
+
+def _add_export(commands: Any) -> None:
+    text = "write a take's joints as TRC, C3D, BVH or CSV, by the suffix of FILE"
+    export = _command(commands, "export", _export, text)
+    export.add_argument("archive", metavar="ARCHIVE")
+    export.add_argument("take", metavar="TAKE")
+    export.add_argument("file", metavar="FILE")
+    export.add_argument("--frames", metavar="START-END", help="only these frames, inclusive")
+
+
+def _add_upkeep(commands: Any) -> None:
+    index = _command(commands, "index", _index, "build the search arrays of all takes anew")
+    index.add_argument("archive", metavar="ARCHIVE")
+    verify = _command(commands, "verify", _verify, "recompute every digest")
+    verify.add_argument("archive", metavar="ARCHIVE")
+    collect = _command(commands, "gc", _collect_garbage, "remove what nothing refers to")
+    collect.add_argument("archive", metavar="ARCHIVE")
+    collect.add_argument(
+        "--older-than",
+        type=float,
+        default=24.0,
+        metavar="HOURS",
+        help="leave alone what somebody may still write or read (default 24)",
+    )
+    _command(commands, "doctor", _doctor, "say what is wrong with this installation")
+
+
+def _demo(options: argparse.Namespace) -> int:
+    _hush_prefect()
+    from flows.demo import run_demo
+
+    return DONE if run_demo(Path(options.folder)) else RUN_FAILED
+
+
+def _ingest(options: argparse.Namespace) -> int:
+    _hush_prefect()
+    from flows.ingestion import ingest_archive
+
+    settings = _import_settings(options, low_pass_hz=options.low_pass)
+    outcomes = ingest_archive(options.archive, options.paths, settings)
+    printing.print_outcomes(outcomes, as_json=options.json)
+    failed = {outcome.status for outcome in outcomes}
+    if "failed" in failed:
+        return RUN_FAILED
+    return BAD_INPUT if "refused" in failed else DONE
+
+
+def _takes(options: argparse.Namespace) -> int:
+    printing.print_takes(open_archive(options.archive).records(), as_json=options.json)
+    return DONE
+
+
+def _show(options: argparse.Namespace) -> int:
+    take = open_archive(options.archive).take(options.take)
+    printing.print_take(take, as_json=options.json)
+    return DONE
+
+
+def _path(options: argparse.Namespace) -> int:
+    printing.print_line(open_archive(options.archive).take(options.take).path)
+    return DONE
+
+
+def _search(options: argparse.Namespace) -> int:
+    from tasks.searching import SearchSettings
+
+    settings = SearchSettings(
+        part=options.part,
+        weights=_weights(options.weight),
+        steps=options.steps,
+        mirror=options.mirror,
+        path_weight=options.path_weight,
+        threshold=options.threshold,
+        top=options.top,
+    )
+    answer = _answer(options, settings)
+    printing.print_answer(answer, as_json=options.json)
+    return DONE
+
+
+def _answer(options: argparse.Namespace, settings: "SearchSettings") -> Any:
+    """Search, directly or as a flow."""
+    imported = None
+    if options.map or options.scale or options.up:
+        imported = _import_settings(options)
+    arguments = (options.archive, options.query, settings, options.takes, imported)
+    try:
+        if options.flow:
+            _hush_prefect()
+            from flows.searching import search_archive
+
+            return search_archive(*arguments)
+        from flows.answering import answer_query
+
+        return answer_query(*arguments)
+    except (InputError, ArchiveError, UnknownNameError):
+        raise
+    except ValueError as error:  # a setting, refused by the search
+        raise UsageError(str(error)) from error
+
+
+def _export(options: argparse.Namespace) -> int:
+    from tasks.exporting import export_take
+
+    clip = parse_frames(options.frames) if options.frames else None
+    for note in export_take(options.archive, options.take, options.file, clip=clip):
+        printing.say(note)
+    return DONE
+
+
+def _index(options: argparse.Namespace) -> int:
+    _hush_prefect()
+    from flows.indexing import index_archive
+
+    faults = index_archive(options.archive)
+    for fault in faults:
+        printing.say(fault)
+    return RUN_FAILED if faults else DONE
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from flows.upkeep import verify_archive
+
+    takes, faults = verify_archive(options.archive)
+    for fault in faults:
+        printing.print_line(fault)
+    printing.say(f"{takes} takes verified, {len(faults)} faults")
+    return BAD_INPUT if faults else DONE
+
+
+def _collect_garbage(options: argparse.Namespace) -> int:
+    from storage.publication import collect_garbage
+
+    if not options.older_than >= 0:
+        raise UsageError(f"--older-than {options.older_than:g} should be hours, 0 or more")
+    place = open_archive(options.archive).place
+    removed = collect_garbage(place, older_than=timedelta(hours=options.older_than))
+    for file in removed:
+        printing.print_line(file.path)
+    size = sum(file.size for file in removed)
+    printing.say(f"removed {len(removed)} files, {size / 1e6:.1f} MB")
+    return DONE
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    examine_installation = import_module("flows.doctor").examine_installation
+
+    findings = examine_installation()
+    for finding in findings:
+        printing.print_line(f"{'ok  ' if finding.good else 'BAD '} {finding.text}")
+    return DONE if all(finding.good for finding in findings) else RUN_FAILED
+
+
+def _import_settings(
+    options: argparse.Namespace, low_pass_hz: float | None = None
+) -> "ImportSettings":
+    """Return how files are to be read, from the options."""
+    from tasks.importing import ImportSettings, read_joint_map
+
+    mapping = read_joint_map(Path(options.map)) if options.map else None
+    return ImportSettings(
+        scale=options.scale, up=options.up, mapping=mapping, low_pass_hz=low_pass_hz
+    )
+
+
+def _weights(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """Return JOINT=W as pairs."""
+    weights = []
+    for text in texts:
+        joint, _, number = text.partition("=")
+        try:
+            weights.append((joint, float(number)))
+        except ValueError:
+            raise UsageError(f"--weight {text} should be JOINT=W, such as RFoot=2") from None
+    return tuple(weights)
+
+
+def parse_frames(text: str) -> tuple[int, int]:
+    """Return START-END as two frames, both inclusive.
+
+    Raises
+    ------
+    UsageError
+        If it is not two whole numbers in order.
+    """
+    found = re.fullmatch(r"(\d+)-(\d+)", text)
+    if not found or int(found[1]) > int(found[2]):
+        raise UsageError(f"frames {text!r} should be START-END, such as 400-560")
+    return int(found[1]), int(found[2])
+
+
+def _log_to_standard_error(*, quiet: bool) -> None:
+    """Let our modules speak on standard error, a line a message."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    for name in ("flows", "tasks", "storage"):
+        logger = logging.getLogger(name)
+        logger.handlers[:] = [handler]
+        logger.setLevel(logging.ERROR if quiet else logging.INFO)
+        logger.propagate = False
+
+
+def _hush_prefect() -> None:
+    """Keep Prefect's own log off the terminal; the dashboard has it."""
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")
+    os.environ.setdefault("PREFECT_SERVER_LOGGING_LEVEL", "CRITICAL")
+
+
+def _fail(error: Exception | str, code: int) -> int:
+    """Say what went wrong in one sentence, and return the exit code."""
+    printing.say(f"shosa: {error}")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""Motion files into the takes of an archive, each searchable when it is published."""
+
+import logging
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from prefect import flow, task
+from prefect.artifacts import (
+    create_progress_artifact,
+    create_table_artifact,
+    update_progress_artifact,
+)
+from prefect.cache_policies import NO_CACHE
+from prefect.task_runners import ThreadPoolTaskRunner
+from tasks.importing import ImportSettings, publish_take
+
+from storage import create_archive
+from storage.errors import ArchiveError, InputError, PlaceError
+from storage.recordings import Recording, Refusal, find_motion_files, plan_takes
+from tasks.cached import import_take_once, index_take_once
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one file."""
+
+    path: str
+    status: str
+    """"ingested", "unchanged", "refused" (the file's fault) or "failed" (the run's)."""
+    take: str | None = None
+    frames: int = 0
+    rate_hz: float = 0.0
+    joints: int = 0
+    notes: list[str] = field(default_factory=list)
+    reason: str = ""
+
+
+@flow(
+    name="ingest_archive",
+    flow_run_name="ingest into {archive}",
+    task_runner=ThreadPoolTaskRunner(max_workers=2),  # type: ignore[arg-type]
+)
+def ingest_archive(
+    archive: str, paths: list[str], settings: ImportSettings | None = None
+) -> list[Outcome]:
+    """Take every motion file among and below `paths` into the archive at `archive`.
+
+    A file that cannot be used is recorded with its reason, and the others go on.
+    """
+    settings = settings or ImportSettings()
+    files, notes = find_motion_files(paths)
+    plan = plan_takes(create_archive(archive), files)
+    for note in notes + plan.notes:
+        logger.warning("%s", note)
+    total = len(plan.recordings)
+    progress = create_progress_artifact(
+        progress=0.0, key="ingest-progress", description=f"{total} motion files into {archive}"
+    )
+    runs = [ingest_take.submit(archive, each, settings) for each in plan.recordings]
+    outcomes = [_refused(each) for each in plan.refusals]
+    for done, run in enumerate(runs, start=1):
+        result = run.result(raise_on_failure=False)
+        outcomes.append(_tell(_outcome(plan.recordings[done - 1], result), done, total))
+        update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
+    create_table_artifact(
+        key="ingested", table=[_row(each) for each in outcomes], description=f"into {archive}"
+    )
+    return outcomes
+
+
+@task(task_run_name="ingest {recording.take}", cache_policy=NO_CACHE)
+def ingest_take(archive: str, recording: Recording, settings: ImportSettings) -> Outcome:
+    """Import one file, index it, and publish both at once."""
+    try:
+        draft = import_take_once(archive=archive, recording=recording, settings=settings)
+        index_take_once(archive=archive, take=draft["take"], version=draft["version"])
+        published = publish_take(archive, draft)
+    except (InputError, ArchiveError) as error:
+        return Outcome(recording.path, "refused", recording.take, reason=str(error))
+    except PlaceError as error:
+        return Outcome(recording.path, "failed", recording.take, reason=str(error))
+    return Outcome(
+        recording.path,
+        "ingested" if published else "unchanged",
+        draft["take"],
+        draft["frames"],
+        draft["rate_hz"],
+        len(draft["joints_present"]),
+        draft["notes"],
+    )
+
+
+def _refused(refusal: Refusal) -> Outcome:
+    """Return the outcome of a file that was refused unopened."""
+    logger.error("%s", refusal.reason)
+    return Outcome(refusal.path, "refused", reason=refusal.reason)
+
+
+def _outcome(recording: Recording, result: Outcome | Exception) -> Outcome:
+    """Return what a run gave, also where it broke: a bad take fails alone."""
+    if isinstance(result, Outcome):
+        return result
+    reason = f"{recording.path}: {type(result).__name__}: {result}; the run's log has the rest"
+    return Outcome(recording.path, "failed", recording.take, reason=reason)
+
+
+def _tell(outcome: Outcome, done: int, total: int) -> Outcome:
+    """Say what became of a file."""
+    if outcome.reason:
+        logger.error("[%d/%d] %s: %s", done, total, outcome.status, outcome.reason)
+        return outcome
+    logger.info(
+        "[%d/%d] %s: %s, %d frames at %g Hz, %d joints",
+        *(done, total, outcome.take, outcome.status),
+        *(outcome.frames, outcome.rate_hz, outcome.joints),
+    )
+    for note in outcome.notes:
+        logger.info("    %s", note)
+    return outcome
+
+
+def _row(outcome: Outcome) -> dict[str, Any]:
+    """Return an outcome as a row of the dashboard's table."""
+    return {**asdict(outcome), "notes": "; ".join(outcome.notes)}

@@ -1,0 +1,160 @@
+"""What the command line prints: tables for people, JSON for programs."""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from storage.archive import Take
+from storage.publication import Record
+from storage.schema import JOINTS
+
+if TYPE_CHECKING:
+    from flows.answering import Answer
+    from flows.ingestion import Outcome
+
+
+def say(text: str) -> None:
+    """Print a message, to standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def print_line(text: str) -> None:
+    """Print a line of data."""
+    print(text, flush=True)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object."""
+    print(json.dumps(value, indent=1, ensure_ascii=False), flush=True)
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows under their heads; heads that begin with ">" stand to the right."""
+    right = [head.startswith(">") for head in heads]
+    names = [head.lstrip(">") for head in heads]
+    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
+    for row in (names, *rows):
+        cells = [
+            text.rjust(width) if to_right else text.ljust(width)
+            for text, width, to_right in zip(row, widths, right, strict=True)
+        ]
+        print("  ".join(cells).rstrip())
+
+
+def print_takes(records: Sequence[Record], *, as_json: bool) -> None:
+    """Print the takes of an archive (DESIGN, section 7)."""
+    if as_json:
+        print_json({"takes": [_described(record) for record in records]})
+        return
+    heads = ("take", "source", ">frames", ">Hz", ">seconds", "performer", "title")
+    rows = [
+        (
+            *(record.take, record.source["kind"], f"{record.frames:,}", f"{record.rate_hz:g}"),
+            f"{record.frames / record.rate_hz:.1f}",
+            *(str(record.metadata.get(key, "")) for key in ("performer", "title")),
+        )
+        for record in records
+    ]
+    print_table(heads, rows)
+
+
+def print_take(take: Take, *, as_json: bool) -> None:
+    """Print all that is known of one take."""
+    record = take.record
+    size = sum(each["bytes"] for each in record.files.values())
+    missing = [joint for joint in JOINTS if joint not in record.joints_present]
+    about = {
+        **_described(record),
+        "metadata": record.metadata,
+        "from": record.source["path"],
+        "digest": record.source["digest"],
+        "joints": record.joints_present,
+        "joints_missing": missing,
+        "version": record.number,
+        "published": record.published,
+        "bytes": size,
+        "path": take.path,
+        "notes": record.notes,
+    }
+    if as_json:
+        print_json(about)
+        return
+    lines = {
+        "take": record.take,
+        **{str(key): str(value) for key, value in record.metadata.items()},
+        "source": f"{record.source['kind']}, {record.source['path']}",
+        "length": f"{record.frames:,} frames at {record.rate_hz:g} Hz, "
+        f"{record.frames / record.rate_hz:.1f} s",
+        "joints": f"{len(record.joints_present)} of {len(JOINTS)}"
+        + (f" (without {', '.join(missing)})" if missing else ""),
+        "stages": ", ".join(record.stages),
+        "version": f"{record.number}, published {record.published}",
+        "on disk": f"{size / 1e6:.2f} MB in {take.path}",
+    }
+    width = max(map(len, lines))
+    for name, text in lines.items():
+        print(f"{name.ljust(width)}  {text}")
+    for note in record.notes:
+        print(f"{'note'.ljust(width)}  {note}")
+
+
+def print_outcomes(outcomes: Sequence["Outcome"], *, as_json: bool) -> None:
+    """Print what became of each file of an ingest."""
+    if as_json:
+        print_json({"files": [asdict(outcome) for outcome in outcomes]})
+        return
+    heads = ("status", "take", ">frames", ">Hz", ">joints", "file")
+    rows = [
+        (
+            *(each.status, each.take or "", f"{each.frames:,}"),
+            *(f"{each.rate_hz:g}", str(each.joints), each.path),
+        )
+        for each in outcomes
+    ]
+    print_table(heads, rows)
+
+
+def print_answer(answer: "Answer", *, as_json: bool) -> None:
+    """Print the matches of a search (DESIGN, section 6)."""
+    if as_json:
+        print_json(answer.as_json())
+        return
+    heads = (">rank", ">distance", "take", ">frames", ">seconds", "performer", "title")
+    rows = []
+    for rank, match in enumerate(answer.matches, start=1):
+        record = answer.records[match.take]
+        start_s, end_s = match.start / record.rate_hz, match.end / record.rate_hz
+        rows.append(
+            (
+                str(rank),
+                f"{match.distance:.4f}",
+                match.take + (" (mirrored)" if match.mirrored else ""),
+                f"{match.start}-{match.end}",
+                f"{start_s:.2f}-{end_s:.2f}",
+                *(str(record.metadata.get(key, "")) for key in ("performer", "title")),
+            )
+        )
+    if rows:
+        print_table(heads, rows)
+    for take, reason in answer.skipped.items():
+        say(f"not compared: {take}: {reason}")
+    say(
+        f"{len(rows)} matches in {len({m.take for m in answer.matches})} takes; searched "
+        f"{answer.searched_takes} takes, {answer.searched_frames:,} frames, "
+        f"in {answer.seconds:.2f} s"
+    )
+
+
+def _described(record: Record) -> dict[str, Any]:
+    """Return a take as `takes --json` lists it."""
+    return {
+        "take": record.take,
+        "source": record.source["kind"],
+        "title": record.metadata.get("title"),
+        "performer": record.metadata.get("performer"),
+        "frames": record.frames,
+        "rate_hz": record.rate_hz,
+        "stages": record.stages,
+    }

@@ -57,7 +57,9 @@ def _python() -> Finding:
 
 def _library(package: str, module: str) -> Finding:
     """Import a library and compare its version with what shosa asks for."""
-    wanted = next((r for r in requires("shosa") or () if r.split(";")[0].startswith(package)), package)
+    wanted = next(
+        (r for r in requires("shosa") or () if r.split(";")[0].startswith(package)), package
+    )
     try:
         importlib.import_module(module)
         return Finding(True, f"{package} {version(package)} (wanted {wanted})")

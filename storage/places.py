@@ -175,8 +175,9 @@ def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
     from zarr.storage import ObjectStore as ZarrObjectStore
 
     if place.folder:
-        (place.folder / folder).mkdir(parents=True, exist_ok=True)
-        return ZarrObjectStore(LocalStore(place.folder / folder), read_only=read_only)
+        with told(f"write {place.url(folder)}"):
+            inside = LocalStore(place.folder / folder, mkdir=not read_only)
+        return ZarrObjectStore(inside, read_only=read_only)
     inside = from_url(place.url(folder), retry_config=_RETRY)
     return ZarrObjectStore(inside, read_only=read_only)
 

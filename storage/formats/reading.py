@@ -1,0 +1,126 @@
+"""What every reader of motion files checks in the same way, and the words it says it with."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.errors import InputError
+
+METERS = {
+    "mm": 0.001,
+    "millimeter": 0.001,
+    "millimeters": 0.001,
+    "millimetre": 0.001,
+    "millimetres": 0.001,
+    "cm": 0.01,
+    "centimeter": 0.01,
+    "centimeters": 0.01,
+    "centimetre": 0.01,
+    "centimetres": 0.01,
+    "dm": 0.1,
+    "m": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "in": 0.0254,
+    "inch": 0.0254,
+    "inches": 0.0254,
+    "ft": 0.3048,
+    "feet": 0.3048,
+}
+"""Metres in one unit, by the words that files use for it."""
+
+SLOWEST_HZ, FASTEST_HZ = 0.1, 100_000.0
+FARTHEST = 1e8  # in any unit of the table: farther away is damage, not motion
+
+
+def read_bytes(path: Path, wanted: str) -> bytes:
+    """Return what the file holds, or say why it cannot be read or that it is empty."""
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path} cannot be read ({reason}); bring {wanted}") from error
+    if not data.strip(b"\0 \t\r\n"):
+        raise InputError(f"{path} is empty; bring {wanted}")
+    return data
+
+
+def decode_text(path: Path, data: bytes, wanted: str) -> tuple[str, list[str]]:
+    """Return the text of a file, with plain line ends, and notes."""
+    if b"\0" in data:
+        raise InputError(f"{path} holds binary data, not text; bring {wanted}")
+    notes = []
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+        notes.append("The file is not in UTF-8; its names were read as Latin-1.")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if not text.endswith("\n"):
+        notes.append("The file does not end with a line end; its last number may be cut.")
+    return text, notes
+
+
+def meters_in(unit: str | None) -> tuple[float | None, list[str]]:
+    """Return the metres in one unit, None where it is not said or not known, and a note."""
+    word = (unit or "").strip().strip("\"'()[]").lower()
+    if not word:
+        return None, ["The file does not say its unit."]
+    if word not in METERS:
+        return None, [f"The file's unit {word!r} is not known."]
+    return METERS[word], []
+
+
+def checked_rate(path: Path, rate_hz: float, field: str) -> float:
+    """Return the rate, or say that it cannot be one."""
+    if not (math.isfinite(rate_hz) and SLOWEST_HZ <= rate_hz <= FASTEST_HZ):
+        raise InputError(
+            f"{path} gives a rate of {rate_hz:g} frames a second ({field}), where one from "
+            f"{SLOWEST_HZ:g} to {FASTEST_HZ:,.0f} is wanted; correct it in the file"
+        )
+    return rate_hz
+
+
+def check_size(path: Path, frames: int, markers: int, read: int) -> None:
+    """Refuse a file whose few bytes ask for far more memory than a motion of their size."""
+    if frames * markers * 24 > 100 * read + 2**26:
+        raise InputError(
+            f"{path} has {markers:,} names for {frames:,} frames but too few numbers for "
+            "them; it is damaged, export it again"
+        )
+
+
+def without_absurd(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the positions with NaN in all three where one is no number, and a note."""
+    absurd = np.any(np.abs(position) > FARTHEST, axis=-1, keepdims=True)
+    missing = absurd | np.any(np.isnan(position), axis=-1, keepdims=True)
+    count = int(absurd.sum())
+    cleaned = np.where(missing, np.nan, position)
+    if not count:
+        return cleaned, []
+    return cleaned, [f"{count} positions are infinite or absurdly far away: taken as missing."]
+
+
+def first_of_each(names: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return the indices of the names that did not come before, and a note on the others."""
+    first: dict[str, int] = {}
+    for index, name in enumerate(names):
+        first.setdefault(name, index)
+    if len(first) == len(names):
+        return list(range(len(names))), []
+    keep = set(first.values())
+    again = [name for index, name in enumerate(names) if index not in keep]
+    return sorted(keep), [
+        f"{listed(again)} came more than once: the first is kept, the others are left out."
+    ]
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """Return the names in one line, the number of the rest where there are many."""
+    shown = ", ".join(repr(name) for name in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

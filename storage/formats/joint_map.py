@@ -1,0 +1,59 @@
+"""Read the file that says which markers make a joint (`--map`).
+
+A line a joint: `RHip = "RH"`, or `RHip = ["RASI", "RPSI"]` for the middle of markers.
+"""
+
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+
+from storage.errors import InputError
+from storage.formats.reading import read_bytes
+from storage.schema import JOINTS
+
+JointMap = tuple[tuple[str, tuple[str, ...]], ...]
+
+_WANTED = 'a TOML file with a line a joint, such as RHip = "RH" or RHip = ["RASI", "RPSI"]'
+
+
+def read_joint_map(path: Path) -> JointMap:
+    """Return each joint of the file with the markers whose middle it is.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, names no joint, or names joints that there are
+        not or markers that are no names; all such lines are said at once.
+    """
+    data = read_bytes(path, _WANTED)
+    try:
+        table = tomllib.loads(data.decode("utf-8-sig"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    faults = [fault for joint, value in table.items() for fault in _faults(joint, value)]
+    if not table:
+        faults.append("no joint is named")
+    if faults:
+        raise InputError(f"{path} cannot be used: {'; '.join(faults)}; bring {_WANTED}")
+    return tuple(
+        (joint, (value,) if isinstance(value, str) else tuple(value))
+        for joint, value in table.items()
+    )
+
+
+def _faults(joint: str, value: object) -> list[str]:
+    faults = []
+    if joint not in JOINTS:
+        folded = {name.casefold(): name for name in JOINTS}
+        near = [folded[name] for name in get_close_matches(joint.casefold(), folded, n=3)]
+        faults.append(f"{joint!r} is no joint; {_or(near or JOINTS)} is")
+    names = value if isinstance(value, list) else [value]
+    if not names or not all(isinstance(name, str) and name.strip() for name in names):
+        faults.append(f"{joint} = {value!r} is neither a marker's name nor a list of names")
+    elif len(set(names)) < len(names):
+        faults.append(f"{joint} = {value!r} names a marker twice")
+    return faults
+
+
+def _or(names: list[str] | tuple[str, ...]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"

@@ -1,0 +1,248 @@
+"""Make a joint track of a motion file: units, axes, joints, gaps, floor, stature (DESIGN 3).
+
+What the file does not say is inferred from the performer's body, and every inference is said
+in the track's notes.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.errors import InputError
+from storage.formats.joint_map import JointMap
+from storage.formats.joint_map import read_joint_map as read_joint_map
+from storage.formats.motion_file import MotionFile
+from storage.schema import JOINTS
+from tasks.bearings import AXES, find_floor, find_unit, find_up, side_notes
+from tasks.geometry.signals import fill_gaps, filter_low_pass, highest_low_pass_hz, inner_runs
+from tasks.geometry.virtual_joints import plan_points
+from tasks.marker_choice import Choice, choose_points, place_joints
+from tasks.retrieval.normalization import measure_stature
+
+FEWEST_JOINTS = 6
+
+_NAMES_SAID = 60
+
+Positions = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """Everything that changes what is made of a motion file."""
+
+    longest_gap_s: float = 0.2
+    """Gaps up to this long are filled: in a fifth of a second a limb changes its direction
+    once at most, which a cubic can follow; after longer ones a spline only invents."""
+    low_pass_hz: float | None = None
+    """Above this the joints' movement is taken for noise and removed; None leaves it."""
+    scale: float | None = None
+    """Metres in one unit of the file, whatever the file says."""
+    up: str | None = None
+    """The axis that points up ("x", "y", "z", "-x", "-y" or "-z"), whatever the file says."""
+    mapping: JointMap | None = None
+    """Joints and their markers, which come before any marker set."""
+    stature_m: float | None = None
+    """The performer's stature, where it is known."""
+
+
+@dataclass(frozen=True)
+class JointTrack:
+    """The 21 joints over a take."""
+
+    position: NDArray[np.float32]
+    """(time, 21, 3), metres, Y up, floor at 0; NaN where a joint is missing."""
+    filled: NDArray[np.bool_]
+    """(time, 21), True where the joint stands on a marker that was missing in the file."""
+    rate_hz: float
+    stature_m: float | None
+    """As the search measures it (DESIGN 6), or as it was given."""
+    stature_source: str
+    """"measured", "given" or "unknown"."""
+    marker_set: str
+    notes: tuple[str, ...]
+    """Every inference, a sentence each."""
+
+
+def make_joint_track(
+    motion: MotionFile, settings: ImportSettings | None = None, *, file_name: str
+) -> JointTrack:
+    """Return the joints of a motion file, in metres, Y up, with the floor at 0.
+
+    Parameters
+    ----------
+    motion
+        As read from the file.
+    settings
+        By default all is inferred, short gaps are filled and nothing is smoothed.
+    file_name
+        For the messages.
+
+    Raises
+    ------
+    InputError
+        The file lacks a hip (they are the frame of the body) or has fewer than six joints, the
+        map asks for markers that it has not, its unit makes a body of no human size, or its
+        rate is too low for the low-pass; all that is wrong is said at once.
+    ValueError
+        A setting makes no sense for any file.
+    """
+    settings = settings or ImportSettings()
+    _check_settings(settings)
+    raw = _without_infinite(motion.position)
+    choice = choose_points(motion.names, _present(motion.names, raw), settings.mapping or ())
+    faults = [*choice.faults, *_low_pass_faults(motion, settings)]
+    unit_m, unit_notes = math.nan, []
+    if no_body := list(_joint_faults(place_joints(raw, choice), choice, motion)):
+        faults += no_body
+    else:
+        unit_m, unit_notes, unit_faults = find_unit(
+            raw, choice, motion, scale=settings.scale, stature_m=settings.stature_m
+        )
+        faults += unit_faults
+    if faults:
+        raise InputError(f"{file_name} cannot be imported: {'; '.join(faults)}")
+    markers = sorted({marker for recipe in choice.recipes.values() for marker in recipe})
+    longest = math.floor(settings.longest_gap_s * motion.rate_hz + 1e-9)
+    measured = raw * unit_m
+    whole = measured.copy()
+    whole[:, markers] = fill_gaps(measured[:, markers], longest)
+    position = place_joints(whole, choice)
+    filled = np.isfinite(position[..., 0]) & np.isnan(place_joints(measured, choice)[..., 0])
+    up, up_notes = find_up(position, motion, up=settings.up)
+    position = position @ AXES[up].T
+    notes = [
+        *motion.notes,
+        *_joint_notes(choice, position),
+        *choice.notes,
+        *unit_notes,
+        *up_notes,
+        *_gap_notes(measured, whole, markers, motion, longest),
+        *side_notes(position),
+    ]
+    if settings.low_pass_hz is not None:
+        position = filter_low_pass(position, motion.rate_hz, settings.low_pass_hz)
+        notes.append(f"Movement above {settings.low_pass_hz:g} Hz was filtered out.")
+    shift, floor_notes = find_floor(position, motion, choice)
+    position[..., 1] += shift
+    stature_m, source, stature_notes = _find_stature(position, settings)
+    return JointTrack(
+        position.astype(np.float32),
+        filled,
+        motion.rate_hz,
+        stature_m,
+        source,
+        choice.marker_set,
+        (*notes, *floor_notes, *stature_notes),
+    )
+
+
+def _check_settings(settings: ImportSettings) -> None:
+    faults = []
+    if not (math.isfinite(settings.longest_gap_s) and settings.longest_gap_s >= 0):
+        faults.append(f"longest_gap_s is {settings.longest_gap_s}, wanted are seconds from 0 up")
+    for name in ("low_pass_hz", "scale", "stature_m"):
+        value = getattr(settings, name)
+        if value is not None and not (math.isfinite(value) and value > 0):
+            faults.append(f"{name} is {value}, wanted is a number above 0")
+    if settings.up is not None and settings.up not in AXES:
+        faults.append(f"up is {settings.up!r}, wanted is one of {', '.join(AXES)}")
+    if faults:
+        raise ValueError("; ".join(faults))
+
+
+def _without_infinite(position: Positions) -> Positions:
+    whole = np.isfinite(position).all(axis=2, keepdims=True)
+    return np.where(whole, position, np.nan)
+
+
+def _present(names: tuple[str, ...], raw: Positions) -> NDArray[np.bool_]:
+    """Return where a marker is there; an end site that lies on its own bone says nothing."""
+    present = ~np.isnan(raw[..., 0])
+    place = {name: i for i, name in enumerate(names)}
+    for i, name in enumerate(names):
+        bone = place.get(name.removesuffix(" End"), i) if name.endswith(" End") else i
+        if bone != i and np.allclose(raw[:, i], raw[:, bone], atol=1e-6, equal_nan=True):
+            present[:, i] = False
+    return present
+
+
+def _low_pass_faults(motion: MotionFile, settings: ImportSettings) -> Iterator[str]:
+    highest = highest_low_pass_hz(motion.rate_hz)
+    if settings.low_pass_hz is not None and settings.low_pass_hz >= highest:
+        yield (
+            f"a low-pass at {settings.low_pass_hz:g} Hz is asked for, but at "
+            f"{motion.rate_hz:g} frames a second it must be below {highest:.4g} Hz"
+        )
+
+
+def _joint_faults(position: Positions, choice: Choice, motion: MotionFile) -> Iterator[str]:
+    """Say which hips and how many joints are missing, and what the file has instead."""
+    have = _joints_there(position)
+    lost = [hip for hip in ("RHip", "LHip") if hip not in have]
+    if not lost and len(have) >= FEWEST_JOINTS:
+        return
+    if lost:
+        yield f"it has no {' and no '.join(lost)}, and the hips are the frame of the body"
+    if len(have) < FEWEST_JOINTS:
+        yield f"it has {len(have)} joints where at least {FEWEST_JOINTS} are wanted"
+    near = f"the nearest marker set is {choice.marker_set}, which gives {', '.join(have)}"
+    yield near if have else "no marker set makes a joint of its names"
+    names = [name for name in motion.names if name.strip()]
+    said = ", ".join(names[:_NAMES_SAID]) or "none"
+    more = f" and {len(names) - _NAMES_SAID} more" if len(names) > _NAMES_SAID else ""
+    yield f"its names are {said}{more}: say with --map which of them are joints"
+
+
+def _find_stature(
+    position: Positions, settings: ImportSettings
+) -> tuple[float | None, str, list[str]]:
+    if settings.stature_m is not None:
+        return settings.stature_m, "given", []
+    stature = measure_stature(position, JOINTS)
+    if math.isnan(stature):
+        return None, "unknown", ["The stature is unknown: head, neck or a leg is missing."]
+    return stature, "measured", []
+
+
+def _joints_there(position: Positions) -> list[str]:
+    return [name for i, name in enumerate(JOINTS) if np.isfinite(position[:, i]).any()]
+
+
+def _joint_notes(choice: Choice, position: Positions) -> Iterator[str]:
+    """Say the marker set, which joints are virtual and how, and which are missing."""
+    yield f"The markers were taken for the set {choice.marker_set}."
+    ways: dict[str, list[str]] = {}
+    for rule in plan_points(choice.recipes):
+        ways.setdefault(rule.how, []).append(rule.point)
+    for how, points in ways.items():
+        yield f"Placed by rule, {' and '.join(points)}: {how}."
+    have = _joints_there(position)
+    if lost := [joint for joint in JOINTS if joint not in have]:
+        yield f"Missing joints: {', '.join(lost)}."
+
+
+def _gap_notes(
+    measured: Positions,
+    whole: Positions,
+    markers: list[int],
+    motion: MotionFile,
+    longest: int,
+) -> Iterator[str]:
+    """Say which gaps were filled, and which were too long for it."""
+    before, after = np.isnan(measured[..., 0]), np.isnan(whole[..., 0])
+    count = int((before & ~after).sum())
+    if count:
+        names = [motion.names[i] for i in markers if (before & ~after)[:, i].any()]
+        yield (
+            f"Gaps of up to {longest} frames were filled by a cubic spline: {count} frames of "
+            f"{', '.join(names)}."
+        )
+    left = {motion.names[i]: int(after[:, i].sum()) for i in markers if after[:, i].any()}
+    if left:
+        said = ", ".join(f"{name} {frames}" for name, frames in left.items())
+        longer = max((e - s for i in markers for s, e in inner_runs(after[:, i])), default=0)
+        inner = f", the longest inside {longer} frames" if longer else ""
+        yield f"Frames still missing (long gaps and ends{inner}): {said}."

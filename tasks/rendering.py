@@ -119,6 +119,7 @@ def draw_overlay(
     match_stature_m: float | None = None,
     joints: Sequence[str] = JOINTS,
     names: tuple[str, str] = ("query", "match"),
+    starts: tuple[int, int] = (0, 0),
     settings: FigureSettings = FigureSettings(),
 ) -> Image:
     """Return a match laid over its query at some instants: blue and orange.
@@ -141,6 +142,8 @@ def draw_overlay(
         What was searched with; lines to other joints are drawn faint.
     names : (str, str)
         For the legend.
+    starts : (int, int)
+        The frame of its take at which each clip starts, for the labels.
 
     Returns
     -------
@@ -165,7 +168,7 @@ def draw_overlay(
     orange = _normalized(match, match_stature_m)[chosen[:, 1]]
     lowest = np.nanmin(np.concatenate([blue, orange])[:, :, 1], initial=0.0)
     figures = [(blue - [0.0, lowest, 0.0], BLUE), (orange - [0.0, lowest, 0.0], ORANGE)]
-    labels = [(f"{a}", f"{b}") for a, b in chosen]
+    labels = [(f"{a + starts[0]}", f"{b + starts[1]}") for a, b in chosen]
     image = _draw_row(figures, labels, title, settings, frozenset(joints), (BLUE, ORANGE))
     draw_legend(image, list(zip(names, (BLUE, ORANGE), strict=True)), row=36)
     return image
@@ -314,8 +317,9 @@ def _draw_row(
     for number in range(count):
         _draw_floor(image, lambda points, n=number: place(n, points), min(0.5, 0.34 * cell / scale))
     for number in range(count):
-        for poses, color in figures:
-            thickness = settings.thickness * min(scale / 140.0, 1.2)
+        for above, (poses, color) in enumerate(figures):
+            wider = 1.6 if above + 1 < len(figures) else 1.0  # a rim, also where covered
+            thickness = wider * settings.thickness * min(scale / 140.0, 1.2)
             at = dict(zip(JOINTS, place(number, poses[number]), strict=True))
             draw_figure(image, at, color, thickness, strong)
     image = finish(image)

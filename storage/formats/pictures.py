@@ -1,13 +1,12 @@
 """Write pictures."""
 
-import os
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.formats.writing import write_beside
 
 
 def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -27,7 +26,7 @@ def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
     ValueError
         Where the image is not an RGB picture.
     """
-    import cv2
+    import cv2  # here, because only who writes a picture should wait for it
 
     path = Path(path)
     if path.suffix.lower() != ".png":
@@ -38,12 +37,9 @@ def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
             "(row, column, 3) uint8 is wanted"
         )
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    beside = path.with_name(f".{path.name}.{uuid4().hex}")
     try:
-        beside.write_bytes(encoded.tobytes())
-        os.replace(beside, path)
+        write_beside(path, encoded.tobytes())
     except OSError as error:
-        beside.unlink(missing_ok=True)
         raise InputError(
             f"the picture {path} cannot be written ({error.strerror}); "
             "choose a folder that exists, has room and may be written"

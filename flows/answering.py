@@ -3,25 +3,28 @@
 No Prefect here: the command line calls this directly, and the flow `search_archive` calls it too.
 """
 
+import re
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from storage import Archive, open_archive
-from storage.errors import InputError, UnknownNameError
-from storage.publication import Record
-from tasks.retrieval.normalization import INDEX_RATE_HZ
 from tasks.searching import (
     Match,
     Query,
     SearchSettings,
-    parse_query,
     query_take,
+    query_track,
     read_packed_takes,
     search_takes,
 )
+
+from storage import Archive, open_archive
+from storage.errors import InputError, UnknownNameError
+from storage.formats import MOTION_SUFFIXES
+from storage.publication import Record
 
 if TYPE_CHECKING:
     from tasks.importing import ImportSettings
@@ -55,3 +58,107 @@ class Answer:
             "skipped": [{"take": take, "reason": why} for take, why in self.skipped.items()],
             "seconds": round(self.seconds, 3),
         }
+
+
+def answer_query(
+    location: str,
+    text: str,
+    settings: SearchSettings,
+    takes: str | None = None,
+    imported: "ImportSettings | None" = None,
+) -> Answer:
+    """Search the archive at `location` for what moves like the query in `text`.
+
+    Parameters
+    ----------
+    text
+        TAKE[:START-END] or FILE[:START-END], frames 0-based and inclusive.
+    takes
+        Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
+    imported
+        How a query file is to be read.
+
+    Raises
+    ------
+    InputError
+        If there is no archive, the query file cannot be used, or no take can hold a match.
+    UnknownNameError
+        If the query take is not there, or no take fits the pattern.
+    ValueError
+        If the clip or a setting is impossible.
+    """
+    begin = time.perf_counter()
+    archive = open_archive(location)
+    records = archive.records()
+    query, asked = _find_query(archive, records, text, imported)
+    searched = [r for r in records if takes is None or fnmatchcase(r.take, takes)]
+    if not searched:
+        raise UnknownNameError(_no_take(archive, records, takes))
+    packed, skipped = read_packed_takes(archive, searched)
+    found = search_takes(query, packed, settings)
+    skipped.update(found.skipped)
+    if len(skipped) == len(searched):
+        reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
+        raise InputError(f"none of the {len(searched)} takes can be compared ({reasons})")
+    compared = [record for record in searched if record.take not in skipped]
+    return Answer(
+        query=asked,
+        settings=settings,
+        matches=found.matches,
+        records={record.take: record for record in compared},
+        skipped=skipped,
+        searched_takes=len(compared),
+        searched_frames=sum(record.frames for record in compared),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
+    """Return the take or file of a query, and its frames if it names them.
+
+    Raises
+    ------
+    ValueError
+        If the frames are not two whole numbers in order.
+    """
+    name, colon, frames = text.rpartition(":")
+    if not colon or not re.fullmatch(r"[\d-]+", frames):
+        return text, None
+    found = re.fullmatch(r"(\d+)-(\d+)", frames)
+    if not found or int(found[1]) > int(found[2]):
+        raise ValueError(f"the frames of {text!r} should be START-END, such as {name}:400-560")
+    return name, (int(found[1]), int(found[2]))
+
+
+def _find_query(
+    archive: Archive,
+    records: Sequence[Record],
+    text: str,
+    imported: "ImportSettings | None",
+) -> tuple[Query, dict[str, Any]]:
+    """Return the query, and how the answer speaks of it."""
+    name, clip = parse_query(text)
+    if Path(name).suffix.lower() in MOTION_SUFFIXES:
+        from tasks.importing import (
+            ImportSettings,
+            read_joint_track,  # SciPy, Zarr: only where a file is read
+        )
+
+        track, _ = read_joint_track(Path(name), imported or ImportSettings())
+        query = query_track(track.position, track.rate_hz, track.stature_m, clip)
+        frames, rate_hz, asked = len(track.position), track.rate_hz, {"file": name}
+    else:
+        record = next((r for r in records if r.take == name), None) or archive.take(name).record
+        query = query_take(archive, record, clip)
+        frames, rate_hz, asked = record.frames, record.rate_hz, {"take": name}
+    start, end = clip or (0, frames - 1)
+    return query, {**asked, "start": start, "end": end, "rate_hz": rate_hz}
+
+
+def _no_take(archive: Archive, records: Sequence[Record], takes: str | None) -> str:
+    """Say that there is nothing to search in."""
+    if not records:
+        return f"the archive {archive.place.location} has no takes; `shosa ingest` brings some in"
+    return f"no take of {archive.place.location} is called {takes!r}; it has " + ", ".join(
+        [record.take for record in records[:5]] + ["..."] * (len(records) > 5)
+    )

@@ -22,8 +22,9 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
 
 if TYPE_CHECKING:
-    from tasks.importing import ImportSettings
     from tasks.searching import SearchSettings
+
+    from tasks.importing import ImportSettings
 
 DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 
@@ -329,10 +330,10 @@ def _log_to_standard_error(*, quiet: bool) -> None:
     """Let our modules speak on standard error, a line a message."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))
-    for name in ("flows", "tasks", "storage"):
+    for name, level in (("flows", logging.INFO), ("tasks", logging.WARNING)):
         logger = logging.getLogger(name)
         logger.handlers[:] = [handler]
-        logger.setLevel(logging.ERROR if quiet else logging.INFO)
+        logger.setLevel(logging.ERROR if quiet else level)
         logger.propagate = False
 
 

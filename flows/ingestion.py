@@ -12,12 +12,12 @@ from prefect.artifacts import (
 )
 from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import ThreadPoolTaskRunner
-from tasks.importing import ImportSettings, publish_take
 
 from storage import create_archive
 from storage.errors import ArchiveError, InputError, PlaceError
 from storage.recordings import Recording, Refusal, find_motion_files, plan_takes
 from tasks.cached import import_take_once, index_take_once
+from tasks.importing import ImportSettings, publish_take
 
 logger = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ def _tell(outcome: Outcome, done: int, total: int) -> Outcome:
         *(done, total, outcome.take, outcome.status),
         *(outcome.frames, outcome.rate_hz, outcome.joints),
     )
-    for note in outcome.notes:
+    for note in outcome.notes if outcome.status == "ingested" else ():
         logger.info("    %s", note)
     return outcome
 

@@ -121,9 +121,21 @@ def print_answer(answer: "Answer", *, as_json: bool) -> None:
     if as_json:
         print_json(answer.as_json())
         return
+    print_matches(answer)
+    for take, reason in answer.skipped.items():
+        say(f"not compared: {take}: {reason}")
+    say(
+        f"{len(answer.matches)} matches in {len({m.take for m in answer.matches})} takes; searched "
+        f"{answer.searched_takes} takes, {answer.searched_frames:,} frames, "
+        f"in {answer.seconds:.2f} s"
+    )
+
+
+def print_matches(answer: "Answer", *, most: int | None = None) -> None:
+    """Print the matches of a search as a table, the first `most` of them."""
     heads = (">rank", ">distance", "take", ">frames", ">seconds", "performer", "title")
     rows = []
-    for rank, match in enumerate(answer.matches, start=1):
+    for rank, match in enumerate(answer.matches[:most], start=1):
         record = answer.records[match.take]
         start_s, end_s = match.start / record.rate_hz, match.end / record.rate_hz
         rows.append(
@@ -138,13 +150,6 @@ def print_answer(answer: "Answer", *, as_json: bool) -> None:
         )
     if rows:
         print_table(heads, rows)
-    for take, reason in answer.skipped.items():
-        say(f"not compared: {take}: {reason}")
-    say(
-        f"{len(rows)} matches in {len({m.take for m in answer.matches})} takes; searched "
-        f"{answer.searched_takes} takes, {answer.searched_frames:,} frames, "
-        f"in {answer.seconds:.2f} s"
-    )
 
 
 def _described(record: Record) -> dict[str, Any]:

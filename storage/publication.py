@@ -10,7 +10,6 @@ is told; and who is reading the old version goes on reading it until `collect_ga
 """
 
 import json
-import logging
 import re
 import secrets
 from collections.abc import Sequence
@@ -33,8 +32,6 @@ from storage.places import (
     sync_files,
 )
 from storage.provenance import digest_bytes, now
-
-logger = logging.getLogger(__name__)
 
 RECORD_FORMAT = 1
 _REQUESTS_AT_ONCE = 16
@@ -109,7 +106,6 @@ def publish_record(place: Place, record: Record) -> None:
             f"another run published version {record.number} of take {record.take!r} in the "
             "meantime; nothing was lost: run it again to publish on top of it"
         )
-    logger.info("published take %s, version %d", record.take, record.number)
 
 
 def published_takes(place: Place) -> list[str]:

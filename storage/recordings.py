@@ -10,11 +10,11 @@ from typing import Any
 
 from storage.archive import Archive, take_name
 from storage.errors import InputError
+from storage.formats import MOTION_SUFFIXES
 from storage.places import read_file, write_file
 from storage.provenance import digest_file
 from storage.publication import Record, read_record
 
-MOTION_SUFFIXES = (".bvh", ".c3d", ".trc")
 _CAPTURE_MARK = "capture.toml"
 
 
@@ -94,7 +94,7 @@ def plan_takes(archive: Archive, files: Sequence[Path]) -> Plan:
     for file in files:
         try:
             digest = digest_file(file)
-            if digest in digests:
+            if digest in digests and file.stat().st_size:
                 plan.notes.append(f"{file} is the same, byte for byte, as {digests[digest]}")
                 continue
             metadata = read_metadata(file)

@@ -63,11 +63,16 @@ def open_search_array(place: Place, take: str, version: str) -> NDArray[np.float
     return rows
 
 
-def verify_search_array(place: Place, take: str, version: str) -> list[str]:
-    """Recompute the digest of a take's search array, and return the fault as a sentence."""
+def verify_search_array(
+    place: Place, take: str, version: str, digest: str | None = None
+) -> list[str]:
+    """Recompute the digest of a take's search array, and return the fault as a sentence.
+
+    It is compared with `digest`, or where that is None with the one written beside the array.
+    """
     path = search_array_path(take, version)
     try:
-        expected = json.loads(read_file(place, _digest_path(path)))["sha256"]
+        expected = digest or json.loads(read_file(place, _digest_path(path)))["sha256"]
         found = digest_bytes(read_file(place, path))
     except FileNotFoundError:
         return [f"take {take!r} has no search array; run `shosa index` on the archive"]

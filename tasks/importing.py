@@ -4,23 +4,42 @@ What the file does not say is inferred from the performer's body, and every infe
 in the track's notes.
 """
 
+import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.arrays import write_motion
 from storage.errors import InputError
+from storage.formats import read_motion_file
 from storage.formats.joint_map import JointMap
 from storage.formats.joint_map import read_joint_map as read_joint_map
 from storage.formats.motion_file import MotionFile
+from storage.provenance import digest_file, now, recorded
+from storage.publication import (
+    Record,
+    describe_files,
+    new_version,
+    next_number,
+    publish_record,
+    read_record,
+    version_folder,
+)
+from storage.recordings import Recording, remember_source
 from storage.schema import JOINTS
 from tasks.bearings import AXES, find_floor, find_unit, find_up, side_notes
 from tasks.geometry.signals import fill_gaps, filter_low_pass, highest_low_pass_hz, inner_runs
 from tasks.geometry.virtual_joints import plan_points
 from tasks.marker_choice import Choice, choose_points, place_joints
-from tasks.retrieval.normalization import measure_stature
+from tasks.retrieval.normalization import joints_present, measure_stature
+
+logger = logging.getLogger(__name__)
 
 FEWEST_JOINTS = 6
 
@@ -246,3 +265,110 @@ def _gap_notes(
         longer = max((e - s for i in markers for s, e in inner_runs(after[:, i])), default=0)
         inner = f", the longest inside {longer} frames" if longer else ""
         yield f"Frames still missing (long gaps and ends{inner}): {said}."
+
+
+def read_joint_track(path: Path, settings: ImportSettings) -> tuple[JointTrack, str]:
+    """Return the joint track of a motion file, and the kind of file that it is.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds no body.
+    """
+    motion = read_motion_file(path)
+    return make_joint_track(motion, settings, file_name=path.name), motion.source
+
+
+def import_take(archive: str, recording: Recording, settings: ImportSettings) -> dict[str, Any]:
+    """Write a version of the take that a motion file becomes, without publishing it.
+
+    Returns
+    -------
+    dict
+        The fields of its `Record`, as JSON can hold them; `publish_take` gives it its number.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or has changed since it was planned.
+    """
+    place = open_archive(archive).place
+    if recording.stature_m is not None:
+        settings = replace(settings, stature_m=recording.stature_m)
+    with recorded(
+        "importing", settings=asdict(settings), inputs={recording.path: recording.digest}
+    ) as provenance:
+        path = Path(recording.path)
+        track, kind = read_joint_track(path, settings)
+        if digest_file(path) != recording.digest:
+            raise InputError(f"{path} changed while it was read; ingest it again when it is done")
+    source = {
+        "kind": kind,
+        "name": path.name,
+        "path": recording.path,
+        "digest": recording.digest,
+    }
+    version = new_version(place, recording.take)
+    write_motion(
+        place,
+        version_folder(recording.take, version),
+        position=track.position,
+        filled=track.filled,
+        rate_hz=track.rate_hz,
+        attributes={
+            "source": source,
+            "metadata": recording.metadata,
+            "stature_m": track.stature_m,
+            "stature_source": track.stature_source,
+            "marker_set": track.marker_set,
+            "notes": list(track.notes),
+        },
+        provenance=provenance,
+    )
+    draft = Record(
+        take=recording.take,
+        version=version,
+        number=0,
+        source=source,
+        metadata=recording.metadata,
+        frames=len(track.position),
+        rate_hz=track.rate_hz,
+        joints_present=[
+            joint
+            for joint, there in zip(JOINTS, joints_present(track.position), strict=True)
+            if there
+        ],
+        stages=["motion"],
+        files=describe_files(place, recording.take, version),
+        notes=list(track.notes),
+    )
+    return asdict(draft)
+
+
+def is_imported(
+    draft: dict[str, Any], archive: str, recording: Recording, settings: ImportSettings
+) -> bool:
+    """Say whether what `import_take` wrote is still there, every byte of it."""
+    place = open_archive(archive).place
+    return describe_files(place, draft["take"], draft["version"]) == draft["files"]
+
+
+def publish_take(archive: str, draft: dict[str, Any]) -> bool:
+    """Make a version what its take is; return False where it already was.
+
+    Raises
+    ------
+    ConflictError
+        If another run published the take in the meantime.
+    """
+    opened = open_archive(archive)
+    place, take = opened.place, draft["take"]
+    current = read_record(place, take)
+    if current and current.version == draft["version"]:
+        return False
+    number = next_number(place, take)
+    record = replace(Record(**draft), number=number, published=now())
+    publish_record(place, record)
+    remember_source(opened, record)
+    logger.info("published take %s, version %d", take, number)
+    return True

@@ -10,7 +10,7 @@ import logging
 from storage import open_archive
 from storage.arrays import open_group
 from storage.publication import version_folder
-from storage.search_arrays import write_search_array
+from storage.search_arrays import verify_search_array, write_search_array
 from tasks.retrieval.normalization import DEFAULT_STATURE_M, pack_motion
 
 logger = logging.getLogger(__name__)
@@ -29,3 +29,9 @@ def index_take(archive: str, take: str, version: str) -> str:
     digest = write_search_array(place, take, version, rows)
     logger.info("indexed take %s: %d samples", take, rows.shape[1])
     return digest
+
+
+def is_indexed(digest: str, archive: str, take: str, version: str) -> bool:
+    """Say whether what `index_take` wrote is still there, with this digest."""
+    place = open_archive(archive).place
+    return not verify_search_array(place, take, version, digest)

@@ -1,0 +1,49 @@
+"""The search arrays of all takes, made anew."""
+
+import logging
+
+from prefect import flow, task
+from prefect.artifacts import create_progress_artifact, update_progress_artifact
+from prefect.cache_policies import NO_CACHE
+from prefect.task_runners import ThreadPoolTaskRunner
+
+from storage import open_archive
+from storage.errors import ArchiveError, PlaceError
+from tasks.indexing import index_take
+
+logger = logging.getLogger(__name__)
+
+_TAKES_A_BLOCK = 64  # about three seconds of takes of a minute; a task run costs 60 ms
+
+
+@flow(
+    name="index_archive",
+    flow_run_name="index {archive}",
+    task_runner=ThreadPoolTaskRunner(max_workers=2),  # type: ignore[arg-type]
+)
+def index_archive(archive: str) -> list[str]:
+    """Make the search arrays of every take anew; return each fault as a sentence."""
+    versions = [(record.take, record.version) for record in open_archive(archive).records()]
+    blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
+    progress = create_progress_artifact(
+        progress=0.0, key="index-progress", description=f"{len(versions)} takes of {archive}"
+    )
+    runs = [index_block.submit(archive, block) for block in blocks]
+    faults: list[str] = []
+    for done, run in enumerate(runs, start=1):
+        faults += run.result()
+        update_progress_artifact(progress, progress=100.0 * done / len(runs))  # type: ignore[arg-type]
+    logger.info("indexed %d takes of %s", len(versions) - len(faults), archive)
+    return faults
+
+
+@task(task_run_name="index from {block[0][0]}", cache_policy=NO_CACHE)
+def index_block(archive: str, block: list[tuple[str, str]]) -> list[str]:
+    """Index some takes; a bad one fails alone."""
+    faults = []
+    for take, version in block:
+        try:
+            index_take(archive, take, version)
+        except (ArchiveError, PlaceError, FileNotFoundError) as error:
+            faults.append(f"take {take!r} cannot be indexed: {error}")
+    return faults

@@ -1,0 +1,39 @@
+"""A search of the whole archive, as a run on the dashboard."""
+
+from prefect import flow, task
+from prefect.artifacts import create_table_artifact
+from prefect.cache_policies import NO_CACHE
+from tasks.searching import SearchSettings
+
+from flows.answering import Answer, answer_query
+from tasks.importing import ImportSettings
+
+
+@flow(name="search_archive", flow_run_name="search {archive} for {query}")
+def search_archive(
+    archive: str,
+    query: str,
+    settings: SearchSettings | None = None,
+    takes: str | None = None,
+    imported: ImportSettings | None = None,
+) -> Answer:
+    """Find what moves like `query` (TAKE[:START-END] or FILE[:START-END]) in all takes."""
+    answer = search_now(archive, query, settings or SearchSettings(), takes, imported)
+    create_table_artifact(
+        key="matches",
+        table=answer.as_json()["matches"],
+        description=f"{query} in {archive}, in {answer.seconds:.2f} s",
+    )
+    return answer
+
+
+@task(name="search", task_run_name="search for {query}", cache_policy=NO_CACHE)
+def search_now(
+    archive: str,
+    query: str,
+    settings: SearchSettings,
+    takes: str | None,
+    imported: ImportSettings | None,
+) -> Answer:
+    """Search; kept out of the cache, because every new take may change the answer."""
+    return answer_query(archive, query, settings, takes, imported)

@@ -1,0 +1,62 @@
+"""The stages as Prefect tasks: what is cached, and how a hit is checked, in one table.
+
+Prefect's own cache keys miss an edit to a function that the task calls, and serve a hit after
+what it wrote was deleted. Here the key names the code behind the stage, its settings and the
+digests of its inputs, and a hit counts only if what the stage wrote is still there and intact.
+Two runs that meet on one take may both compute it; publication lets one of them win. (Prefect's
+file locks would make one wait, and make it wait for ever after the other was killed.)
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from prefect import Task, task
+from prefect.cache_policies import CacheKeyFnPolicy
+from prefect.context import TaskRunContext
+
+from tasks.fingerprints import fingerprint
+from tasks.importing import import_take, is_imported
+from tasks.indexing import index_take, is_indexed
+
+
+def cached(
+    function: Callable[..., Any], *, run_name: str, is_intact: Callable[..., bool]
+) -> Callable[..., Any]:
+    """Return a store function as a task that is skipped when nothing it depends on changed.
+
+    Parameters
+    ----------
+    function
+        Called with keywords that JSON or a dataclass can hold; returns JSON.
+    run_name
+        How a run is called on the dashboard; parameters in braces.
+    is_intact
+        Called with the result and the keywords of a hit: whether what the stage wrote is still
+        there and unchanged.
+    """
+
+    def key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
+        return fingerprint(function, parameters)
+
+    stage: Task[..., Any] = task(
+        name=function.__name__,
+        task_run_name=run_name,
+        cache_policy=CacheKeyFnPolicy(cache_key_fn=key),
+        persist_result=True,
+        result_serializer="json",
+    )(function)
+
+    def run(**parameters: Any) -> Any:
+        state = stage(**parameters, return_state=True)
+        result = state.result()
+        if state.name != "Cached" or is_intact(result, **parameters):
+            return result
+        return stage.with_options(refresh_cache=True)(**parameters)
+
+    return run
+
+
+import_take_once = cached(
+    import_take, run_name="import {recording.take}", is_intact=is_imported
+)
+index_take_once = cached(index_take, run_name="index {take}", is_intact=is_indexed)

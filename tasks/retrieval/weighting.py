@@ -1,0 +1,81 @@
+"""What a search compares, and how much each joint counts (retrieval paper, section 3.4)."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.retrieval.normalization import PARTS
+from tasks.retrieval.warping import STEPS
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Everything that changes what a search finds."""
+
+    part: str = "whole"
+    """The joints compared: a name in `PARTS`."""
+    weights: tuple[tuple[str, float], ...] = ()
+    """(joint, weight) in place of the part's: 1 for its joints, 0 for the others."""
+    steps: str = "slope"
+    """The steps of the warping: "slope", or the paper's own, "paper"."""
+    mirror: bool = False
+    """Look for the left-right mirrored query too."""
+    path_weight: float = 0.0
+    """Seconds: statures that a difference of one stature/s in the path channel counts."""
+    threshold: float | None = None
+    """Only matches nearer than this many statures."""
+    top: int = 10
+    """At most so many matches."""
+
+
+def joint_weights(
+    settings: SearchSettings, joints: Sequence[str] = PARTS["whole"]
+) -> NDArray[np.float32]:
+    """Return the weight of each joint.
+
+    Returns
+    -------
+    (joint,) float32
+
+    Raises
+    ------
+    ValueError
+        If a setting has no meaning; every fault is named.
+    """
+    faults = list(_faults(settings, joints))
+    if faults:
+        raise ValueError("; ".join(faults))
+    weights = {name: 1.0 for name in PARTS[settings.part]} | dict(settings.weights)
+    if not any(weights.values()):
+        raise ValueError("every weight is zero; give at least one joint a weight above zero")
+    return np.array([weights.get(name, 0.0) for name in joints], np.float32)
+
+
+def _faults(settings: SearchSettings, joints: Sequence[str]) -> Iterable[str]:
+    """Yield what is wrong with the settings, a sentence each."""
+    if settings.part not in PARTS:
+        yield f"there is no part {settings.part!r}; {_nearest(settings.part, list(PARTS))}"
+    for name, weight in settings.weights:
+        if name not in joints:
+            yield f"there is no joint {name!r}; {_nearest(name, joints)}"
+        if not 0 <= weight < math.inf:
+            yield f"the weight of {name} is {weight}; give a number from 0 up"
+    if settings.steps not in STEPS:
+        yield f"there are no steps {settings.steps!r}; {_nearest(settings.steps, STEPS)}"
+    if not 0 <= settings.path_weight < math.inf:
+        yield f"the path weight is {settings.path_weight}; give a number from 0 up"
+    if settings.threshold is not None and not settings.threshold > 0:
+        yield f"the threshold is {settings.threshold}; give a distance above 0"
+    if settings.top < 1:
+        yield f"the {settings.top} nearest matches are asked for; ask for 1 or more"
+
+
+def _nearest(name: str, names: Sequence[str]) -> str:
+    """Return the part of a message that names what was probably meant."""
+    folded = {other.casefold(): other for other in names}
+    near = [folded[n] for n in get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)]
+    return f"did you mean {' or '.join(near)}?" if near else f"choose from {', '.join(names)}"

@@ -34,7 +34,7 @@ from storage.publication import (
 from storage.recordings import Recording, remember_source
 from storage.schema import JOINTS
 from tasks.bearings import AXES, find_floor, find_unit, find_up, side_notes
-from tasks.geometry.signals import fill_gaps, filter_low_pass, highest_low_pass_hz, inner_runs
+from tasks.geometry.signals import fill_gaps, filter_low_pass, inner_runs
 from tasks.geometry.virtual_joints import plan_points
 from tasks.marker_choice import Choice, choose_points, place_joints
 from tasks.retrieval.normalization import joints_present, measure_stature
@@ -189,11 +189,10 @@ def _present(names: tuple[str, ...], raw: Positions) -> NDArray[np.bool_]:
 
 
 def _low_pass_faults(motion: MotionFile, settings: ImportSettings) -> Iterator[str]:
-    highest = highest_low_pass_hz(motion.rate_hz)
-    if settings.low_pass_hz is not None and settings.low_pass_hz >= highest:
+    if settings.low_pass_hz is not None and settings.low_pass_hz >= motion.rate_hz / 2:
         yield (
             f"a low-pass at {settings.low_pass_hz:g} Hz is asked for, but at "
-            f"{motion.rate_hz:g} frames a second it must be below {highest:.4g} Hz"
+            f"{motion.rate_hz:g} frames a second it must be below {motion.rate_hz / 2:g} Hz"
         )
 
 

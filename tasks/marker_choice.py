@@ -103,7 +103,7 @@ def _map_joints(
         for marker, i in zip(markers, found, strict=True):
             if i is None:
                 near = nearest_names(marker, names)
-                hint = f"; near it are {', '.join(near)}" if near else ""
+                hint = f"; near it: {', '.join(near)}" if near else ""
                 faults.append(f"the map gives {joint} = {marker!r}, not in the file{hint}")
             elif not present[:, i].any():
                 faults.append(f"the map gives {joint} = {marker!r}, missing in every frame")

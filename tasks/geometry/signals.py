@@ -3,6 +3,7 @@
 SciPy is imported where it is needed: a file without gaps, and a search, must not pay for it.
 """
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ORDER = 2
-_TWICE = (2**0.5 - 1) ** 0.25  # run forth and back, the filter's cut-off comes down by this much
+_TWICE = (2**0.5 - 1) ** 0.25  # run forth and back, a filter's cut-off comes down by this much
 
 
 def fill_gaps(track: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
@@ -65,7 +66,7 @@ def filter_low_pass(
     track : (time, joint, space) float64
         NaN in all three where a joint is missing.
     low_pass_hz
-        Less than `highest_low_pass_hz(rate_hz)`.
+        Less than half of the rate.
 
     Raises
     ------
@@ -74,13 +75,13 @@ def filter_low_pass(
     """
     from scipy.signal import butter, sosfiltfilt
 
-    if not 0 < low_pass_hz < highest_low_pass_hz(rate_hz):
+    if not 0 < low_pass_hz < rate_hz / 2:
         raise ValueError(
             f"low_pass_hz is {low_pass_hz:g}; at {rate_hz:g} frames a second it must lie "
-            f"above 0 and below {highest_low_pass_hz(rate_hz):.4g}"
+            f"above 0 and below {rate_hz / 2:g}"
         )
-    share = low_pass_hz / highest_low_pass_hz(rate_hz)
-    sections = butter(_ORDER, share, output="sos")
+    own = math.atan(math.tan(math.pi * low_pass_hz / rate_hz) / _TWICE) * 2 / math.pi
+    sections = butter(_ORDER, own, output="sos")
     padding = 3 * (_ORDER + 1)
     smooth = track.copy()
     for joint in range(track.shape[1]):
@@ -89,11 +90,6 @@ def filter_low_pass(
                 run = track[start:stop, joint]
                 smooth[start:stop, joint] = sosfiltfilt(sections, run, axis=0, padlen=padding)
     return smooth
-
-
-def highest_low_pass_hz(rate_hz: float) -> float:
-    """Return the frequency below which `filter_low_pass` can cut at that rate."""
-    return _TWICE * rate_hz / 2
 
 
 def _fill_between(track: NDArray[np.float64], missing: NDArray[np.bool_]) -> None:

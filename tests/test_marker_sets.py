@@ -1,0 +1,317 @@
+"""Which names make which joints: each system's names, written here from its own documents."""
+
+import numpy as np
+import pytest
+
+from storage.schema import JOINTS
+from tasks.geometry.virtual_joints import _RULES
+from tasks.marker_choice import choose_points, nearest_names, place_joints
+from tasks.marker_sets import MARKER_SETS
+
+FRAMES = 5
+BODY = {
+    "Head": (0.0, 1.65, 0.0),
+    "Neck": (0.0, 1.4, 0.0),
+    "Waist": (0.0, 1.05, 0.0),
+    "Shoulder": (0.18, 1.38, 0.0),
+    "Elbow": (0.45, 1.38, 0.0),
+    "Wrist": (0.7, 1.38, 0.0),
+    "Fin": (0.88, 1.38, 0.0),
+    "Hip": (0.09, 0.95, 0.0),
+    "Knee": (0.1, 0.52, -0.02),
+    "Ankle": (0.11, 0.08, 0.0),
+    "Heel": (0.11, 0.03, 0.06),
+    "Foot": (0.11, 0.02, -0.19),
+}
+"""A body with its arms sideways that looks to -z: the right side, the left mirrored."""
+BONES = {
+    "CMU": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Spine",
+        "Shoulder": "RightArm",
+        "Elbow": "RightForeArm",
+        "Wrist": "RightHand",
+        "Fin": "RightHandIndex1 End",
+        "Hip": "RightUpLeg",
+        "Knee": "RightLeg",
+        "Ankle": "RightFoot",
+        "Foot": "RightToeBase End",
+        "": "Hips LHipJoint RHipJoint LowerBack Spine1 Neck1 Head RightShoulder LThumb "
+        "RightFingerBase RightHandIndex1 RightToeBase",
+    },
+    "DAZ": {
+        "Head": "head End",
+        "Neck": "neck",
+        "Waist": "abdomen",
+        "Shoulder": "rShldr",
+        "Elbow": "rForeArm",
+        "Wrist": "rHand",
+        "Fin": "rMid2 End",
+        "Hip": "rThigh",
+        "Knee": "rShin",
+        "Ankle": "rFoot",
+        "Foot": "rFoot End",
+        "": "hip chest head rCollar rButtock rThumb1 rMid1 rIndex1 rIndex2",
+    },
+    "MotionBuilder": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Spine",
+        "Shoulder": "RightArm",
+        "Elbow": "RightForeArm",
+        "Wrist": "RightHand",
+        "Fin": "RightHandMiddle3 End",
+        "Hip": "RightUpLeg",
+        "Knee": "RightLeg",
+        "Ankle": "RightFoot",
+        "Foot": "RightToeBase End",
+        "": "Hips Spine1 Spine2 Spine3 Head RightShoulder RightHandThumb1 RightHandMiddle1",
+    },
+    "Mixamo": {
+        "Head": "mixamorig:HeadTop_End",
+        "Neck": "mixamorig:Neck",
+        "Waist": "mixamorig:Spine",
+        "Shoulder": "mixamorig:RightArm",
+        "Elbow": "mixamorig:RightForeArm",
+        "Wrist": "mixamorig:RightHand",
+        "Fin": "mixamorig:RightHandMiddle4",
+        "Hip": "mixamorig:RightUpLeg",
+        "Knee": "mixamorig:RightLeg",
+        "Ankle": "mixamorig:RightFoot",
+        "Foot": "mixamorig:RightToe_End",
+        "": "mixamorig:Hips mixamorig:Spine1 mixamorig:Spine2 mixamorig:Head "
+        "mixamorig:RightShoulder mixamorig:RightToeBase mixamorig:RightHandThumb4",
+    },
+    "Bandai": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Spine",
+        "Shoulder": "UpperArm_R",
+        "Elbow": "LowerArm_R",
+        "Wrist": "Hand_R",
+        "Fin": "Hand_R End",
+        "Hip": "UpperLeg_R",
+        "Knee": "LowerLeg_R",
+        "Ankle": "Foot_R",
+        "Foot": "Toes_R End",
+        "": "joint_Root Hips Chest Head Shoulder_R Toes_R",
+    },
+    "OptiTrack bones": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Ab",
+        "Shoulder": "RUArm",
+        "Elbow": "RFArm",
+        "Wrist": "RHand",
+        "Fin": "RHand End",
+        "Hip": "RThigh",
+        "Knee": "RShin",
+        "Ankle": "RFoot",
+        "Foot": "RToe End",
+        "": "Hip Chest Head RShoulder RToe",
+    },
+    "hip-knee-ankle bones": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Chest",
+        "Shoulder": "RightShoulder",
+        "Elbow": "RightElbow",
+        "Wrist": "RightWrist",
+        "Fin": "RightWrist End",
+        "Hip": "RightHip",
+        "Knee": "RightKnee",
+        "Ankle": "RightAnkle",
+        "Foot": "RightToe End",
+        "": "Hips Chest2 Head RightCollar RightToe",
+    },
+    "OpenPose": {
+        "Neck": "Neck",
+        "Head": "Head",
+        "Shoulder": "RShoulder",
+        "Elbow": "RElbow",
+        "Wrist": "RWrist",
+        "Hip": "RHip",
+        "Knee": "RKnee",
+        "Ankle": "RAnkle",
+        "Heel": "RHeel",
+        "Foot": "RBigToe",
+        "": "CHip Nose RSmallToe",
+    },
+    "shosa": {joint: joint if joint in BODY else "" for joint in ("Head", "Neck", "Waist")}
+    | {name: f"R{name}" for name in BODY if name not in ("Head", "Neck", "Waist")},
+}
+MARKERS = {
+    "Plug-in Gait": "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO LUPA LELB LFRM LWRA LWRB "
+    "LFIN RSHO RUPA RELB RFRM RWRA RWRB RFIN LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE "
+    "RTHI RKNE RTIB RANK RHEE RTOE",
+    "FiLMBOX": "RFHD LBHD RBHD C7 T10 CLAV STRN RBAC LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO "
+    "RUPA RELB RFRM RWRA RWRB RFIN LFWT RFWT LBWT RBWT LTHI LKNE LSHN LANK LHEE LTOE LMT5 RTHI "
+    "RKNE RSHN RANK RHEE RTOE RMT5 LFHD",
+    "OptiTrack markers": "HeadTop HeadFront HeadSide BackTop BackLeft BackRight Chest "
+    "WaistLFront WaistRFront WaistLBack WaistRBack LShoulderTop LShoulderBack LUArmHigh "
+    "LElbowOut LWristOut LWristIn LHandOut LHandIn LThigh LKneeOut LShin LAnkleOut LToeIn "
+    "LToeOut LHeel RShoulderTop RShoulderBack RUArmHigh RElbowOut RWristOut RWristIn RHandOut "
+    "RHandIn RThigh RKneeOut RShin RAnkleOut RToeIn RToeOut RHeel",
+    "OpenSim": "RACR LACR C7 CLAV RASH RPSH LASH LPSH RASI LASI RPSI LPSI RLFC RMFC LLFC LMFC "
+    "RLMAL RMMAL LLMAL LMMAL RCAL LCAL RTOE LTOE RMT5 LMT5 RLEL RMEL LLEL LMEL RFAradius "
+    "RFAulna LFAradius LFAulna",
+}
+WITHOUT = {"OpenSim": {"Head", "RFin", "LFin"}}
+
+
+def left(name):
+    """The name of the other side, as these systems spell it."""
+    for right, other in (("Right", "Left"), ("_R", "_L")):
+        if right in name:
+            return name.replace(right, other)
+    head, colon, tail = name.rpartition(":")
+    return head + colon + {"R": "L", "r": "l"}.get(tail[0], tail[0]) + tail[1:]
+
+
+def skeleton(bones):
+    """Return names, positions and truth of a body of these bones, in a mixed-up order."""
+    truth, at = {}, {}
+    for joint, name in bones.items():
+        if joint and joint in JOINTS:
+            truth[joint], at[name] = BODY[joint], BODY[joint]
+        elif joint:
+            x, y, z = BODY[joint]
+            truth[f"R{joint}"], at[name] = (x, y, z), (x, y, z)
+            truth[f"L{joint}"], at[left(name)] = (-x, y, z), (-x, y, z)
+    for name in bones.get("", "").split():
+        at.setdefault(name, (9.0, 9.0, 9.0))
+    names = sorted(at, key=lambda name: name[::-1])
+    return tuple(names), np.tile([at[name] for name in names], (FRAMES, 1, 1)), truth
+
+
+def choose(names, position, **more):
+    return choose_points(names, np.isfinite(position[..., 0]), **more)
+
+
+@pytest.mark.parametrize("system", BONES)
+def test_bones_of_a_system_stand_where_its_joints_are(system):
+    names, position, truth = skeleton(BONES[system])
+    choice = choose(names, position)
+    assert choice.marker_set == system
+    assert set(truth) <= set(choice.joints)
+    joints = place_joints(position, choice)
+    for joint, there in truth.items():
+        np.testing.assert_allclose(joints[0, JOINTS.index(joint)], there, err_msg=joint)
+
+
+@pytest.mark.parametrize("system", MARKERS)
+def test_markers_of_a_system_give_its_joints(system):
+    names = tuple(MARKERS[system].split())
+    choice = choose_points(names, np.ones((FRAMES, len(names)), bool))
+    assert choice.marker_set == system
+    assert set(JOINTS) - set(choice.joints) == WITHOUT.get(system, set())
+
+
+@pytest.mark.parametrize(
+    "spell",
+    [
+        lambda name: f"dancer:{name}",
+        lambda name: f"Dancer 1:{name.lower()}",
+        lambda name: f"Skeleton_001_{name}",
+        lambda name: f" {name[0]}.{name[1:]} ",
+    ],
+    ids=["prefix", "lower case", "prefix with underscore", "punctuation"],
+)
+@pytest.mark.parametrize("system", MARKERS)
+def test_prefix_case_and_punctuation_of_names_do_not_matter(system, spell):
+    names = MARKERS[system].split()
+    plain = choose_points(names, np.ones((FRAMES, len(names)), bool))
+    spelled = choose_points([spell(name) for name in names], np.ones((FRAMES, len(names)), bool))
+    assert spelled.recipes == plain.recipes
+    assert spelled.marker_set == plain.marker_set
+
+
+def test_the_order_of_markers_changes_nothing(rng):
+    names = np.array(MARKERS["Plug-in Gait"].split())
+    position = rng.normal(size=(FRAMES, len(names), 3))
+    order = rng.permutation(len(names))
+    there = place_joints(position, choose(tuple(names), position))
+    mixed = position[:, order]
+    np.testing.assert_array_equal(place_joints(mixed, choose(tuple(names[order]), mixed)), there)
+    assert np.isfinite(there).all()
+
+
+def test_modeled_joint_centers_come_before_markers_unless_they_are_mostly_missing():
+    names = (*MARKERS["Plug-in Gait"].split(), "LHJC", "RHJC", "LFEO", "LKJC")
+    present = np.ones((FRAMES, len(names)), bool)
+    present[1:, names.index("LHJC")] = False
+    present[1:, names.index("LKJC")] = False
+    choice = choose_points(names, present)
+    assert choice.recipes["RHip"] == (names.index("RHJC"),)
+    assert "LHip" not in choice.recipes
+    assert choice.recipes["LKnee"] == (names.index("LFEO"),)
+    assert {"LHip", "RHip"} <= set(choice.joints)
+
+
+def test_a_marker_that_is_seldom_there_is_taken_where_nothing_else_gives_the_joint():
+    names = tuple(MARKERS["Plug-in Gait"].split())
+    present = np.ones((FRAMES, len(names)), bool)
+    present[1:, names.index("LELB")] = False
+    assert "LElbow" in choose_points(names, present).joints
+    present[:, names.index("LELB")] = False
+    assert "LElbow" not in choose_points(names, present).joints
+
+
+def test_of_two_performers_the_first_whole_one_is_taken_and_that_is_said():
+    names = MARKERS["Plug-in Gait"].split()
+    both = [f"mia:{name}" for name in names[:20]] + [f"ken:{name}" for name in names]
+    both += [f"eva:{name}" for name in names]
+    choice = choose_points(both, np.ones((FRAMES, len(both)), bool))
+    assert {both[i][:4] for recipe in choice.recipes.values() for i in recipe} == {"ken:"}
+    assert "Of the performers 'mia', 'ken', 'eva' in the file 'ken' was taken." in choice.notes
+
+
+def test_a_map_comes_before_the_marker_set_and_its_markers_are_averaged(rng):
+    names = (*MARKERS["FiLMBOX"].split(), "KneeIn")
+    position = rng.normal(size=(FRAMES, len(names), 3))
+    mapping = (("RKnee", ("RKNE", "kneein")),)
+    choice = choose(names, position, mapping=mapping)
+    assert choice.marker_set == "FiLMBOX and the given map"
+    assert "By the given map: RKnee." in choice.notes
+    middle = (position[:, names.index("RKNE")] + position[:, names.index("KneeIn")]) / 2
+    np.testing.assert_array_equal(place_joints(position, choice)[:, JOINTS.index("RKnee")], middle)
+
+
+def test_a_map_alone_makes_joints_of_names_that_no_set_knows():
+    choice = choose_points(("p1", "p2"), np.ones((FRAMES, 2), bool), [("RHip", ("p2",))])
+    assert (choice.marker_set, choice.joints) == ("the given map", ("RHip",))
+
+
+def test_a_map_that_asks_for_what_is_not_there_says_so_with_the_nearest_names():
+    names = ("RASI", "LASI", "dead")
+    present = np.array([[True, True, False]] * FRAMES)
+    mapping = (("RHip", ("RASY",)), ("LHip", ("LASI", "dead")))
+    choice = choose_points(names, present, mapping)
+    assert choice.faults == (
+        "the map gives RHip = 'RASY', not in the file; near it: RASI",
+        "the map gives LHip = 'dead', missing in every frame",
+    )
+
+
+def test_the_nearest_names_look_like_the_one_asked_for_in_any_case():
+    assert nearest_names("rhip", ("LKnee", "RHip", "LHip")) == ["RHip", "LHip"]
+    assert nearest_names("zzzz", ("LKnee", "RHip")) == []
+
+
+def test_names_that_no_set_knows_give_no_joint():
+    choice = choose_points(("Foot_Marker1", "", "*12"), np.ones((FRAMES, 3), bool))
+    assert (choice.marker_set, choice.joints) == ("none", ())
+    assert choose_points((), np.ones((FRAMES, 0), bool)).joints == ()
+
+
+def test_every_point_of_a_table_is_a_joint_or_is_needed_by_a_rule():
+    wanted = set(JOINTS) | {need for rule in _RULES for need in rule.needs}
+    for marker_set in MARKER_SETS:
+        assert set(marker_set.points) <= wanted, marker_set.name
+        assert all(name for ways in marker_set.points.values() for way in ways for name in way)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)

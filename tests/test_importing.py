@@ -113,6 +113,14 @@ def test_an_unsaid_unit_is_inferred_from_the_stature_and_said(points, unit_m, na
     assert said(track, f"The unit was taken to be {name}")
 
 
+def test_between_two_units_the_ratio_of_statures_decides_or_the_stature_that_is_given():
+    motion = motion_file()
+    child = replace(motion, position=motion.position * 100 / track_of(motion).stature_m)
+    unsaid = replace(child, unit_m=None)
+    assert said(track_of(unsaid), "The unit was taken to be inches (0.0254 m): so the body is 2.54")
+    assert said(track_of(unsaid, stature_m=1.1), "The unit was taken to be centimeters")
+
+
 def test_without_a_head_the_unit_is_inferred_from_the_legs():
     legs = {name: at for name, at in GIVEN.items() if name not in ("Head", "Neck")}
     motion = motion_file(legs)
@@ -201,12 +209,12 @@ def test_a_longer_gap_and_the_ends_stay_missing():
     motion = motion_file(PLUG_IN_GAIT)
     torn = motion.position.copy()
     knee = motion.names.index("RKNE")
-    torn[40:53, knee] = torn[:5, knee] = torn[-3:, knee] = np.nan
+    torn[40:53, knee] = torn[:15, knee] = torn[-3:, knee] = np.nan
     track = track_of(replace(motion, position=torn))
     lost = np.isnan(track.position[:, JOINTS.index("RKnee"), 0])
-    np.testing.assert_array_equal(np.flatnonzero(lost), [*range(5), *range(40, 53), 117, 118, 119])
+    np.testing.assert_array_equal(np.flatnonzero(lost), [*range(15), *range(40, 53), 117, 118, 119])
     assert not track.filled.any()
-    assert said(track, "the longest inside 13 frames): RKNE 21.")
+    assert said(track, "the longest inside 13 frames): RKNE 31.")
 
 
 def test_infinite_positions_are_missing():

@@ -71,6 +71,7 @@ def find_unit(
     name = dict(UNITS).get(nearest or 0.0, "")
     if not math.isnan(size) and not LEAST_STATURE_M <= size <= GREATEST_STATURE_M:
         other = f"; in {name} it would be {sizes[nearest]:.3g} m" if nearest else ""
+        other = "" if nearest == unit_m else other
         return (
             unit_m,
             [],

@@ -114,12 +114,13 @@ def test_a_match_that_differs_shows_both_colors(performance):
 
 def test_the_warping_path_says_which_frames_stand_together(performance):
     query, match = performance.position[20:60], performance.position[20:80]
-    pairs = [(n, n) for n in range(40)]
-    warped = draw_overlay(query, match, pairs=pairs, instants=3)
-    straight = draw_overlay(query, match[:40], instants=3)
+    pairs = [(n, n + n // 3) for n in range(40)]
+    sizes = {"query_stature_m": 1.5, "match_stature_m": 1.5, "instants": 3}
+    warped = draw_overlay(query, match, pairs=pairs, **sizes)
+    straight = draw_overlay(query[[0, 20, 39]], match[[0, 26, 52]], **sizes)
     np.testing.assert_array_equal(warped[:-60], straight[:-60])
-    assert (draw_overlay(query, match, instants=3) != straight).any()
-    labeled = draw_overlay(query, match, pairs=pairs, instants=3, starts=(400, 7000))
+    assert (draw_overlay(query, match, **sizes) != straight).any()
+    labeled = draw_overlay(query, match, pairs=pairs, starts=(400, 7000), **sizes)
     np.testing.assert_array_equal(labeled[:-60], warped[:-60])
     assert (labeled[-60:] != warped[-60:]).any()
 
@@ -142,6 +143,7 @@ def test_a_plot_draws_each_coordinate_at_its_height_and_shades_the_clip():
     x, y, z = (
         np.median(pixels(plain[60:-50, 100:-100], color, 25)[:, 0]) for color in (RED, GREEN, BLUE)
     )
+    assert y < x < z
     assert (z - x) / (x - y) == pytest.approx(0.5, abs=0.03)
     changed = np.flatnonzero((plain != shaded).any(axis=(0, 2)))
     left, right = 64, 800 - 24

@@ -188,8 +188,8 @@ def test_turning_right_is_turning_left_the_other_way_round_with_the_same_arms():
 
 def test_a_mirrored_movement_is_danced_as_in_a_mirror():
     plain, other = (
-        generate_performance([m], SH, variation=0.0).position
-        for m in (okuri49(), mirrored(okuri49()))
+        generate_performance(movements, SH, variation=0.0).position
+        for movements in ([okuri49(), wait()], [mirrored(okuri49()), mirrored(wait())])
     )
     np.testing.assert_allclose(other, (plain * [-1.0, 1.0, 1.0])[:, OTHER_SIDE], atol=1e-9)
     assert replace(mirrored(mirrored(okuri49())), name="okuri 49") == okuri49()
@@ -228,6 +228,24 @@ def test_place_and_heading_move_and_turn_the_whole_performance():
     np.testing.assert_allclose(there[..., 1], here[..., 1], atol=1e-12)
     start = (there[0, :, [0, 2]] - np.array([[2.0], [-1.0]])) ** 2
     np.testing.assert_allclose(start.sum(axis=0), (here[0, :, [0, 2]] ** 2).sum(axis=0), atol=1e-9)
+
+
+def test_a_performer_who_has_turned_walks_on_where_the_turn_leads():
+    performance = generate_performance([walk(6, turn=0.5 * np.pi), walk()], TK, variation=0.0)
+    hips = (joint(performance.position, "RHip") + joint(performance.position, "LHip")) / 2.0
+    first, then = (hips[clip.end] - hips[clip.start] for clip in performance.clips)
+    assert then[0] == pytest.approx(3 * 0.2 * TK.height_m, abs=0.05)  # to the left: +x
+    assert abs(then[2]) < 0.05
+    assert first[0] > 0.3
+    assert first[2] > 0.3
+
+
+def test_a_bow_does_not_overbalance():
+    position = generate_performance([lonely()], TK, variation=0.0).position
+    heel, toe = joint(position, "LHeel")[0, 2], joint(position, "LFoot")[0, 2]
+    masses = [joint(position, name)[:, 2] for name in ("Head", "Neck", "Waist", "RHip")]
+    assert heel < np.mean(masses, axis=0).min()
+    assert np.mean(masses, axis=0).max() < toe + 0.1
 
 
 def test_the_rate_samples_one_and_the_same_motion():

@@ -11,20 +11,20 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from storage import Archive, open_archive
+from storage.errors import ArchiveError, InputError, UnknownNameError
+from storage.formats import MOTION_SUFFIXES
+from storage.publication import Record
+from tasks.retrieval.normalization import DEFAULT_STATURE_M
 from tasks.searching import (
     Match,
     Query,
     SearchSettings,
-    query_take,
-    query_track,
+    clip_motion,
+    clip_take,
     read_packed_takes,
     search_takes,
 )
-
-from storage import Archive, open_archive
-from storage.errors import InputError, UnknownNameError
-from storage.formats import MOTION_SUFFIXES
-from storage.publication import Record
 
 if TYPE_CHECKING:
     from tasks.importing import ImportSettings
@@ -94,7 +94,7 @@ def answer_query(
     searched = [r for r in records if takes is None or fnmatchcase(r.take, takes)]
     if not searched:
         raise UnknownNameError(_no_take(archive, records, takes))
-    packed, skipped = read_packed_takes(archive, searched)
+    packed, skipped = read_packed_takes(archive.place, searched)
     found = search_takes(query, packed, settings)
     skipped.update(found.skipped)
     if len(skipped) == len(searched):
@@ -139,17 +139,18 @@ def _find_query(
     """Return the query, and how the answer speaks of it."""
     name, clip = parse_query(text)
     if Path(name).suffix.lower() in MOTION_SUFFIXES:
-        from tasks.importing import (
-            ImportSettings,
-            read_joint_track,  # SciPy, Zarr: only where a file is read
-        )
+        from tasks.importing import ImportSettings, read_joint_track  # only where a file is read
 
         track, _ = read_joint_track(Path(name), imported or ImportSettings())
-        query = query_track(track.position, track.rate_hz, track.stature_m, clip)
+        stature_m = track.stature_m or DEFAULT_STATURE_M
+        query = clip_motion(track.position, track.rate_hz, stature_m, clip, name=name)
         frames, rate_hz, asked = len(track.position), track.rate_hz, {"file": name}
     else:
         record = next((r for r in records if r.take == name), None) or archive.take(name).record
-        query = query_take(archive, record, clip)
+        packed, faults = read_packed_takes(archive.place, [record])
+        if faults:
+            raise ArchiveError(faults[name])
+        query = clip_take(packed[0], *(clip or (0, record.frames - 1)))
         frames, rate_hz, asked = record.frames, record.rate_hz, {"take": name}
     start, end = clip or (0, frames - 1)
     return query, {**asked, "start": start, "end": end, "rate_hz": rate_hz}

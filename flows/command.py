@@ -22,9 +22,8 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
 
 if TYPE_CHECKING:
-    from tasks.searching import SearchSettings
-
     from tasks.importing import ImportSettings
+    from tasks.searching import SearchSettings
 
 DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 

@@ -166,13 +166,14 @@ def _choose_take(
         wanted = [take_name(str(metadata["id"]))]
     else:
         wanted = [take_name(file.stem), take_name(f"{file.parent.name}-{file.stem}")]
+    holders: list[str] = []
     for name in wanted:
         record = read_record(archive.place, name)
         if name not in claimed and (record is None or _made_from(record, file, digest)):
             return name
-    other = claimed.get(wanted[0]) or getattr(record, "source", {}).get("path", "another run")
+        holders.append(claimed.get(name) or (record.source["path"] if record else "another run"))
     raise InputError(
-        f"the name {wanted[0]!r} is already the take of {other}; rename the file, or give it "
+        f"the name {wanted[0]!r} is already the take of {holders[0]}; rename the file, or give it "
         f'another name by id = "..." under [take] in {file.with_suffix(".toml").name}'
     )
 

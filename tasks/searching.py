@@ -18,6 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.errors import ArchiveError
+from storage.places import Place
+from storage.publication import Record
+from storage.search_arrays import open_search_array
 from tasks.retrieval.normalization import (
     INDEX_RATE_HZ,
     OTHER_SIDE,
@@ -339,3 +343,28 @@ def _search_take(
         )
         for version, first, last, near in found
     ]
+
+
+def read_packed_takes(
+    place: Place, records: Iterable[Record]
+) -> tuple[list[PackedTake], dict[str, str]]:
+    """Return the packed arrays of takes, mapped and not read, and which could not be opened.
+
+    Returns
+    -------
+    packed
+        In the order of `records`.
+    skipped
+        Why, by the name of the take: its search array is missing or damaged.
+    """
+    packed: list[PackedTake] = []
+    skipped: dict[str, str] = {}
+    for record in records:
+        present = np.isin(_JOINTS, record.joints_present)
+        try:
+            rows = open_search_array(place, record.take, record.version)
+        except ArchiveError as error:
+            skipped[record.take] = str(error)
+            continue
+        packed.append(PackedTake(record.take, rows, record.rate_hz, record.frames, present))
+    return packed, skipped

@@ -1,0 +1,63 @@
+"""What tests of several folders share: the shared recordings, one Prefect server, files to ingest."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from storage.formats.trc import write_trc
+from storage.schema import JOINTS
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of the shared recordings; tests that need it are marked `data`."""
+    folder = Path(os.environ.get("SHOSA_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"the shared recordings are not at {folder}; set SHOSA_DATA")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def prefect_server():
+    """One Prefect server for the whole session: it takes 20 s to start."""
+    import flows  # noqa: F401 - sets the time that the server has to start
+
+    from prefect.testing.utilities import prefect_test_harness
+
+    with prefect_test_harness(server_startup_timeout=180):
+        yield
+
+
+@pytest.fixture
+def write_walk():
+    """A function that writes a small motion file of a swaying body."""
+
+    def write(path: Path, *, seed: int = 0, frames: int = 90) -> Path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_trc(path, swaying_body(seed, frames), JOINTS, 30.0)
+        return path
+
+    return write
+
+
+def swaying_body(seed: int, frames: int) -> np.ndarray:
+    """A standing body of 1.6 m whose joints sway, every seed in its own way; (time, 21, 3)."""
+    height = {
+        "Head": 1.60, "Neck": 1.35, "Waist": 1.0, "Shoulder": 1.32, "Elbow": 1.05, "Wrist": 0.82,
+        "Fin": 0.65, "Hip": 0.85, "Knee": 0.45, "Ankle": 0.08, "Heel": 0.0, "Foot": 0.0,
+    }  # fmt: skip
+    aside = {"Shoulder": 0.18, "Elbow": 0.24, "Wrist": 0.26, "Fin": 0.27}
+    rng = np.random.default_rng(seed)
+    body = np.zeros((frames, len(JOINTS), 3))
+    time = np.arange(frames)[:, None] / 30.0
+    for number, joint in enumerate(JOINTS):
+        name = joint if joint in height else joint[1:]
+        side = {"R": -1.0, "L": 1.0}.get(joint[0], 0.0) * (joint not in height)
+        rest = [side * aside.get(name, 0.1), height[name], 0.1 * (name == "Foot")]
+        sway = np.sin(time * rng.uniform(1, 4, 3) + rng.uniform(0, 6, 3)) * 0.05
+        body[:, number] = rest + sway * [1.0, name not in ("Heel", "Foot", "Ankle"), 1.0]
+    return body

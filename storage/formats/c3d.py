@@ -94,15 +94,17 @@ def _find_layout(path: Path, head: C3DHead, length: int) -> tuple[_Layout, list[
     layouts = [
         _Layout(*choice)
         for choice in itertools.product(reals, starts, filter(None, points), analog, frames)
-        if choice[1] < length
     ]
     if not layouts:
         raise InputError(f"{path} says that its data begin where they cannot; export it again")
-    exact = [layout for layout in layouts if 0 <= length - layout.end < BLOCK]
-    if len(layouts) == 1 and layouts[0].end <= length:
-        return layouts[0], []
+    # Whole frames to the end, or filled up to a whole block: all else has lost or won bytes.
+    whole = [each for each in layouts if length == each.end or length % BLOCK == 0]
+    exact = [each for each in whole if 0 <= length - each.end < BLOCK]
+    if len(layouts) == 1 and whole and layouts[0].end <= length:
+        over = length - layouts[0].end
+        return layouts[0], [f"{over} bytes after the last frame: left out."] * (not exact)
     if exact:
-        return exact[0], [] if len(layouts) == 1 else [
+        return exact[0], [
             "The header and the parameters disagree; the length of the file fits "
             f"{exact[0].frames} frames of {exact[0].points} markers, which were read."
         ]
@@ -113,10 +115,15 @@ def _unfitting(path: Path, layouts: Sequence[_Layout], length: int) -> InputErro
     """Return the error of a file whose length fits nothing that it says."""
     first = layouts[0]
     if all(layout.end > length for layout in layouts):
-        there = (length - first.start) // first.frame_bytes
+        there = max(length - first.start, 0) // first.frame_bytes
         return InputError(
             f"{path} is cut short: it holds {there} of the {first.frames} frames that it "
             "tells; bring the whole file"
+        )
+    if len(layouts) == 1:
+        return InputError(
+            f"{path} has {length - first.end} bytes more than its {first.frames} frames take: "
+            "bytes came in on its way; transfer it again, as binary"
         )
     return InputError(
         f"{path} tells different numbers of markers or frames in its header and in its "
@@ -272,7 +279,9 @@ def write_c3d(
     quads = np.concatenate([position * 1000.0, np.zeros(missing.shape)], axis=-1)
     quads = np.where(missing, [0.0, 0.0, 0.0, -1.0], quads).astype("<f4").tobytes()
     whole = header.ljust(BLOCK, b"\0") + section.ljust(blocks * BLOCK, b"\0") + quads
-    writing.write_beside(Path(path), whole + b"\0" * (-len(whole) % BLOCK))
+    # With that many frames ezc3d reads to the end, and would take the filling for frames.
+    filling = b"\0" * (-len(whole) % BLOCK) if frames < 65535 else b""
+    writing.write_beside(Path(path), whole + filling)
 
 
 def _parameter_section(

@@ -166,6 +166,11 @@ def _table(
                 f"{path}: frame {at + 1} has {len(cells)} numbers where others have {width}, "
                 "and spaces cannot tell which are missing; export it with tabs"
             )
+        if _shifted(cells, width):
+            raise InputError(
+                f"{path} has {len(cells) - 2} cells in frame {at + 1} (about line {first + at}), "
+                "not three for each marker: one was lost or came in; correct it there"
+            )
         try:
             table[at, : len(cells)] = [
                 float(cell) if cell and not cell.isspace() else math.nan for cell in cells
@@ -179,6 +184,14 @@ def _table(
                 f"{first + at}) where a number or nothing is wanted; correct it there"
             ) from None
     return table
+
+
+def _shifted(cells: Sequence[str], width: int) -> bool:
+    """Tell whether a frame has lost a cell, rather than left out gaps at its end."""
+    filled = len(cells)
+    while filled and not cells[filled - 1].strip():
+        filled -= 1
+    return len(cells) != width and (filled - 2) % 3 != 0
 
 
 def _bad(cell: str) -> bool:

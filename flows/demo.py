@@ -6,18 +6,18 @@ flow, searched as by `shosa search`. What each search should find is known, and 
 
 from pathlib import Path
 
-from tasks.exporting import write_joint_track
-from tasks.searching import Match, SearchSettings
-
 from flows import printing
 from flows.answering import Answer, answer_query
 from flows.ingestion import ingest_archive
 from storage import open_archive
+from storage.archive import take_name
 from storage.formats.pictures import write_png
 from storage.formats.writing import write_beside
 from storage.places import told
+from tasks.exporting import write_joint_track
 from tasks.rendering import draw_overlay, draw_stick_figures
 from tasks.retrieval.normalization import PARTS
+from tasks.searching import Match, SearchSettings
 from tasks.studio import DemoSearch, DemoTake, demo_performances
 
 _SUFFIXES = (".bvh", ".c3d", ".trc")
@@ -74,7 +74,7 @@ def _show_search(archive: str, search: DemoSearch, folder: Path) -> int:
         f"danced at {len(search.finds)} other places, {len(found)} of them among the "
         f"{len(answer.matches)} matches"
     )
-    other = next((match for match in answer.matches if match.take != search.take), None)
+    other = next((m for m in answer.matches if m.take != search.take and not m.mirrored), None)
     if other:
         _draw_match(archive, search, answer, other, folder)
     return len(search.finds) - len(found)
@@ -101,13 +101,13 @@ def _draw_match(
         query_stature_m=asked.motion.attrs["stature_m"],
         match_stature_m=other.motion.attrs["stature_m"],
         joints=PARTS[search.part],
+        starts=(search.start, match.start),
         names=(
             f"{search.take} {search.start}-{search.end}",
             f"{match.take} {match.start}-{match.end}",
         ),
     )
-    slug = "".join(c if c.isalnum() else "-" for c in search.question.lower()).strip("-")
-    write_png(folder / "pictures" / f"{slug}.png", image)
+    write_png(folder / "pictures" / f"{take_name(search.question)}.png", image)
 
 
 def _draw_takes(archive: str, takes: tuple[DemoTake, ...], folder: Path) -> None:

@@ -1,0 +1,283 @@
+"""Tests of the command line: every sub-command's help, real runs, and wrong use."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.command import build_parser, main, parse_frames
+from storage import create_archive, open_archive
+from storage.formats import read_motion_file
+from storage.recordings import find_motion_files, plan_takes
+from storage.schema import JOINTS
+from storage.search_arrays import search_array_path
+from tasks.importing import ImportSettings, import_take, publish_take
+from tasks.indexing import index_take
+
+COMMANDS = (
+    *("demo", "ingest", "takes", "show", "path", "search", "index"),
+    *("export", "verify", "gc", "doctor"),
+)
+
+
+@pytest.fixture
+def archive(tmp_path, write_walk):
+    """Four takes, ingested by the very functions that the flow calls."""
+    folder = tmp_path / "inbox"
+    for number, name in enumerate(("okuri48", "okuri49", "lonely", "radio")):
+        write_walk(folder / f"{name}.trc", seed=number, frames=80 + number)
+    (folder / "okuri48.toml").write_text('[take]\ntitle = "Okuri 48"\nperformer = "TK"\n')
+    location = tmp_path / "archive"
+    plan = plan_takes(create_archive(location), find_motion_files([folder])[0])
+    for recording in plan.recordings:
+        draft = import_take(str(location), recording, ImportSettings())
+        index_take(str(location), draft["take"], draft["version"])
+        assert publish_take(str(location), draft)
+    return str(location)
+
+
+def run(capsys, *arguments):
+    """Run the command in this process; return exit code, output and messages."""
+    code = main([str(each) for each in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_tells_what_it_does(capsys, command):
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    assert stop.value.code == 0
+    assert f"usage: shosa {command}" in capsys.readouterr().out
+
+
+def test_the_commands_are_those_of_the_design():
+    [commands] = (a for a in build_parser()._actions if a.nargs == "A...")
+    assert set(commands.choices) == set(COMMANDS)
+
+
+def test_takes_lists_what_the_archive_has(archive, capsys):
+    code, out, _ = run(capsys, "takes", archive)
+    assert code == 0
+    assert re.search(r"okuri48 +trc +80 +30 +2\.7 +TK +Okuri 48", out)
+    _, out, _ = run(capsys, "takes", archive, "--json")
+    listed = json.loads(out)["takes"]
+    assert [take["take"] for take in listed] == ["lonely", "okuri48", "okuri49", "radio"]
+    assert listed[1] == {
+        "take": "okuri48",
+        "source": "trc",
+        "title": "Okuri 48",
+        "performer": "TK",
+        "frames": 80,
+        "rate_hz": 30.0,
+        "stages": ["motion"],
+    }
+
+
+def test_show_and_path_tell_of_one_take(archive, capsys):
+    _, out, _ = run(capsys, "show", archive, "okuri48")
+    for words in ("80 frames at 30 Hz", "21 of 21", "1, published", "okuri48.trc", "performer"):
+        assert words in out
+    _, out, _ = run(capsys, "show", archive, "okuri48", "--json")
+    assert json.loads(out)["joints_missing"] == []
+    _, out, _ = run(capsys, "path", archive, "okuri48")
+    assert Path(out.strip(), "motion", "zarr.json").is_file()
+
+
+def test_search_finds_the_clip_itself_first(archive, capsys):
+    code, out, err = run(capsys, "search", archive, "okuri48:20-50", "--part", "arms", "--top", 3)
+    assert code == 0
+    assert re.search(r"\n +1 +0\.0000 +okuri48 +20-50 +0\.67-1\.67 +TK +Okuri 48\n", out)
+    assert re.search(r"3 matches in \d takes; searched 4 takes, 326 frames, in", err)
+
+
+def test_search_prints_the_json_of_the_design(archive, capsys):
+    _, out, _ = run(
+        capsys, "search", archive, "okuri48:20-50", "--weight", "RFoot=2", "--json", "--top", 2
+    )
+    answer = json.loads(out)
+    assert answer["query"] == {"take": "okuri48", "start": 20, "end": 50, "rate_hz": 30.0}
+    assert answer["settings"] == {
+        "part": "whole",
+        "weights": {"RFoot": 2.0},
+        "steps": "slope",
+        "mirror": False,
+        "path_weight": 0.0,
+        "threshold": None,
+        "top": 2,
+    }
+    assert answer["matches"][0] == {
+        "rank": 1,
+        "take": "okuri48",
+        "start": 20,
+        "end": 50,
+        "distance": 0.0,
+        "mirrored": False,
+    }
+    assert answer["searched"] == {"takes": 4, "frames": 326}
+    assert answer["skipped"] == []
+    assert answer["seconds"] > 0
+
+
+def test_a_file_that_is_in_no_archive_is_a_query_like_its_take(archive, capsys, tmp_path):
+    file = tmp_path / "inbox" / "okuri48.trc"
+    _, of_take, _ = run(capsys, "search", archive, "okuri48:20-50", "--json")
+    _, of_file, _ = run(capsys, "search", archive, f"{file}:20-50", "--json")
+    matches = json.loads(of_file)["matches"]
+    assert json.loads(of_file)["query"]["file"] == str(file)
+    assert [m["take"] for m in matches] == [m["take"] for m in json.loads(of_take)["matches"]]
+    assert matches[0]["distance"] < 1e-6
+
+
+def test_searching_some_takes_and_below_a_threshold(archive, capsys):
+    _, out, _ = run(capsys, "search", archive, "okuri48:20-50", "--takes", "oku*9", "--json")
+    assert {match["take"] for match in json.loads(out)["matches"]} == {"okuri49"}
+    code, out, err = run(
+        capsys, "search", archive, "okuri48:20-50", "--takes", "oku*9", "--threshold", "1e-9"
+    )
+    assert (code, out) == (0, "")
+    assert "0 matches" in err
+
+
+def test_a_search_pays_neither_for_prefect_nor_for_zarr(archive):
+    program = (
+        "import sys; from flows.command import main; code = main(sys.argv[1:]);"
+        "slow = {'prefect', 'zarr', 'xarray', 'scipy.spatial', 'cv2'} & set(sys.modules);"
+        "sys.exit(f'imported {slow}' if slow or code else 0)"
+    )
+    arguments = ("search", archive, "okuri48:20-50")
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("suffix", ["trc", "c3d", "csv", "bvh"])
+def test_export_writes_what_its_suffix_says(archive, capsys, tmp_path, suffix):
+    file = tmp_path / f"out.{suffix}"
+    code, _, err = run(capsys, "export", archive, "okuri48", file, "--frames", "10-29")
+    assert code == 0
+    assert "20 frames at 30 Hz" in err
+    position = open_archive(archive).take("okuri48").motion["position"].values[10:30]
+    if suffix == "csv":
+        table = np.genfromtxt(file, delimiter=",", names=True)
+        assert len(table) == 20
+        np.testing.assert_allclose(
+            table["RFoot_z"], position[:, JOINTS.index("RFoot"), 2], atol=1e-5
+        )
+    elif suffix == "bvh":
+        assert "bones of constant length follow the joints to" in err
+        assert len(read_motion_file(file).position) == 20
+    else:
+        back = read_motion_file(file)
+        order = [back.names.index(joint) for joint in JOINTS]
+        np.testing.assert_allclose(back.position[:, order] * back.unit_m, position, atol=1e-5)
+
+
+def test_verify_tells_what_is_damaged(archive, capsys):
+    assert run(capsys, "verify", archive)[0] == 0
+    take = open_archive(archive).take("okuri48")
+    Path(archive, search_array_path("okuri48", take.record.version)).unlink()
+    chunk = Path(open_archive(archive).take("radio").path, "motion/position/c/0/0/0")
+    chunk.write_bytes(b"")
+    code, out, err = run(capsys, "verify", archive)
+    assert code == 3
+    assert "take 'radio': takes/radio" in out
+    assert "take 'okuri48' has no search array; run `shosa index`" in out
+    assert "4 takes verified, 2 faults" in err
+
+
+def test_a_take_without_search_array_is_said_and_the_others_are_searched(archive, capsys):
+    take = open_archive(archive).take("radio")
+    Path(archive, search_array_path("radio", take.record.version)).unlink()
+    code, _, err = run(capsys, "search", archive, "okuri48:20-50")
+    assert code == 0
+    assert "not compared: radio: take 'radio' has no search array; run `shosa index`" in err
+
+
+def test_garbage_is_listed_and_removed(archive, capsys):
+    stray = Path(archive, "takes/radio/000009-deadbeef/zarr.json")
+    stray.parent.mkdir()
+    stray.write_text("{}")
+    assert run(capsys, "gc", archive)[1] == ""
+    code, out, err = run(capsys, "gc", archive, "--older-than", "0")
+    assert (code, out) == (0, "takes/radio/000009-deadbeef/zarr.json\n")
+    assert "removed 1 files" in err
+    assert not stray.parent.exists()
+
+
+WRONG_USE = {
+    "take": (["search", "A", "okuri"], "has no take 'okuri'; did you mean okuri4"),
+    "part": (["search", "A", "okuri48", "--part", "feets"], "'feets'.*feet"),
+    "joint": (["search", "A", "okuri48", "--weight", "RFot=1"], "'RFot'.*RFoot"),
+    "weight": (["search", "A", "okuri48", "--weight", "RFoot=big"], "should be JOINT=W"),
+    "zero": (["search", "A", "okuri48", "--part", "head", "--weight", "Head=0", "--weight",
+              "Neck=0"], "weight"),
+    "clip": (["search", "A", "okuri48:70-90"], "70-90.*79"),
+    "order": (["search", "A", "okuri48:50-20"], "should be START-END"),
+    "pattern": (["search", "A", "okuri48", "--takes", "x*"], "no take of .* is called 'x\\*'"),
+    "top": (["search", "A", "okuri48", "--top", "0"], "ask for 1 or more"),
+    "show": (["show", "A", "radi"], "did you mean radio"),
+    "frames": (["export", "A", "radio", "out.trc", "--frames", "5"], "should be START-END"),
+    "hours": (["gc", "A", "--older-than", "-1"], "should be hours, 0 or more"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG_USE)
+def test_wrong_use_is_one_sentence_and_exit_code_2(archive, capsys, case):
+    arguments, message = WRONG_USE[case]
+    code, out, err = run(capsys, *[archive if each == "A" else each for each in arguments])
+    assert code == 2
+    assert out == ""
+    assert re.search(message, err)
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+
+
+def test_bad_input_is_one_sentence_and_exit_code_3(archive, capsys, tmp_path):
+    (tmp_path / "noise.bvh").write_bytes(bytes(range(256)))
+    cases = [
+        (["takes", tmp_path / "none"], "there is no directory"),
+        (["takes", tmp_path], "is not an archive"),
+        (["search", archive, tmp_path / "noise.bvh"], "noise.bvh"),
+        (["search", archive, tmp_path / "none.trc"], "none.trc"),
+        (["export", archive, "radio", tmp_path / "out.xyz"], "should end in one of"),
+        (["export", archive, "radio", tmp_path / "o.trc", "--frames", "0-99"], "goes beyond"),
+    ]
+    for arguments, message in cases:
+        code, out, err = run(capsys, *arguments)
+        assert (code, out) == (3, ""), err
+        assert message in err
+        assert err.count("\n") == 1
+
+
+def test_a_query_longer_than_every_take_can_hold_is_said(archive, capsys, tmp_path, write_walk):
+    long = write_walk(tmp_path / "long.trc", frames=400)
+    code, _, err = run(capsys, "search", archive, long)
+    assert code == 3
+    assert re.search("none of the 4 takes can be compared .*too short", err)
+
+
+def test_an_archive_of_a_newer_format_is_said(archive, capsys):
+    Path(archive, "archive.json").write_text('{"version": 9}')
+    code, _, err = run(capsys, "takes", archive)
+    assert code == 3
+    assert "update shosa" in err
+
+
+def test_frames_are_two_numbers_in_order():
+    assert parse_frames("0-0") == (0, 0)
+    for text in ("5", "5-", "9-5", "a-b", "-1-5"):
+        with pytest.raises(ValueError, match="should be START-END"):
+            parse_frames(text)
+
+
+@pytest.mark.slow
+def test_the_doctor_finds_this_installation_well(capsys):
+    code, out, _ = run(capsys, "doctor")
+    assert code == 0, out
+    assert "the search kernel compiles and finds" in out

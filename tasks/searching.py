@@ -41,8 +41,8 @@ _JOINTS = PARTS["whole"]
 _UPPER_JOINTS = {*PARTS["arms"], *PARTS["head"]}
 _SHOULDERS = tuple(_JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
 _HIPS = tuple(_JOINTS.index(name) for name in ("RHip", "LHip"))
-_PIECE = 1 << 15  # samples; a longer take is cut for several threads
-_PIECE_IN_QUERIES = 32  # so that warming up costs a piece at most a sixteenth
+_PIECE = 1 << 12  # samples; a longer take is cut for several threads
+_PIECE_IN_QUERIES = 16  # so that warming up costs a piece at most an eighth
 
 
 @dataclass(frozen=True, eq=False)

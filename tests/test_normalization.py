@@ -105,6 +105,12 @@ def test_a_sample_on_a_frame_does_not_see_its_missing_neighbor(position):
     assert not missing[2]  # frame 5 itself
 
 
+@pytest.mark.parametrize("rate_hz", [30 * (1 - 1e-9), 30 * (1 + 1e-9)])
+def test_a_sample_on_a_frame_but_for_rounding_is_that_frame(position, rate_hz):
+    rows = pack_motion(position, rate_hz, 1.7)
+    np.testing.assert_array_equal(rows[:66], pack_motion(position, 30.0, 1.7)[:66])
+
+
 def test_hips_over_each_other_point_nowhere(position):
     position[3, JOINTS.index("LHip")] = position[3, JOINTS.index("RHip")] + [0, 0.1, 0]
     rows = pack_motion(position, 30.0, 1.7)
@@ -142,8 +148,9 @@ def test_a_file_packs_as_the_archive_keeps_it(position):
     ],
 )
 def test_what_cannot_be_packed_is_refused(arguments, message):
+    position, rate_hz, stature_m = arguments
     with pytest.raises(ValueError, match=message):
-        pack_motion(*arguments)
+        pack_motion(position, rate_hz, stature_m)
 
 
 def test_mirrored_rows_are_those_of_the_mirrored_dancer(position):
@@ -192,7 +199,7 @@ def test_a_take_has_a_joint_that_half_its_frames_have():
     assert joints_present(position).tolist() == [k != 5 for k in range(21)]
 
 
-@pytest.mark.parametrize("rate_hz", [30.0, 120.0, 100.0, 29.97, 24.0, 45.0])
+@pytest.mark.parametrize("rate_hz", [30.0, 120.0, 100.0, 29.97, 24.0, 45.0, 53.0])
 def test_frames_and_samples_are_the_nearest_in_time(rate_hz):
     frames = 37
     count = sample_count(frames, rate_hz)
@@ -215,5 +222,6 @@ def test_the_clip_of_a_match_is_the_match(rate_hz):
 
 @pytest.mark.parametrize("clip", [(-1, 5), (5, 4), (3, 37), (40, 50)])
 def test_a_clip_beyond_the_take_is_refused(clip):
-    with pytest.raises(ValueError, match=f"{clip[0]}-{clip[1]} is not within.*END <= 36"):
-        clip_samples(*clip, 30.0, 37)
+    start, end = clip
+    with pytest.raises(ValueError, match=f"{start}-{end} is not within.*END <= 36"):
+        clip_samples(start, end, 30.0, 37)

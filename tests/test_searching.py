@@ -159,6 +159,13 @@ def test_mirror_looks_for_the_right_arm_on_the_left(dance):
     assert match.distance < 1e-5
 
 
+def test_the_mirror_image_lacks_the_joint_of_the_other_side(dance):
+    position = dance()
+    take = pack("a", naive.mirror(position))
+    match = nearest(clip_take(pack("asked", without(position, "LFin")), 20, 40), take, mirror=True)
+    assert (match.start, match.end, match.mirrored) == (20, 40, True)
+
+
 def test_the_mirror_image_turns_the_other_way(dance):
     position = dance()
     take = pack("a", naive.mirror(position))
@@ -248,10 +255,13 @@ def test_a_long_take_cut_for_threads_gives_the_same(dance, monkeypatch):
     whole = found(query, [take], top=99, mirror=True)
     monkeypatch.setattr(searching, "_PIECE", 17)
     monkeypatch.setattr(searching, "_PIECE_IN_QUERIES", 1)
-    spans = searching._pieces(take, (np.zeros((12, 3)),) * 3, "slope", 4)
+    clip = np.zeros((12, 3), np.float32), np.ones(1, np.float32), np.zeros((3, 2), np.int64)
+    spans = searching._pieces(take, clip, "slope", 4)
     assert len(spans) == 8
+    assert [span[2] for span in spans[:-1]] == [span[1] for span in spans[1:]]
+    assert [span[0] for span in spans] == [max(0, span[1] - 22) for span in spans]
     assert found(query, [take], top=99, mirror=True, threads=4) == whole
-    assert len(searching._pieces(take, (np.zeros((12, 3)),) * 3, "paper", 4)) == 1
+    assert len(searching._pieces(take, clip, "paper", 4)) == 1
 
 
 def test_a_frame_with_a_missing_joint_is_in_no_match(dance):

@@ -31,6 +31,7 @@ test: setup
 bench: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m tests.benchmarks.search
+	$(BIN)/python -m tests.benchmarks.archive
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

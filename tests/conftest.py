@@ -1,6 +1,11 @@
-"""What tests of several folders share: the shared recordings, one Prefect server, files to ingest."""
+"""What tests of several folders share: recordings, one Prefect server, an S3 server, files."""
 
 import os
+import re
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +29,51 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def prefect_server():
     """One Prefect server for the whole session: it takes 20 s to start."""
-    import flows  # noqa: F401 - sets the time that the server has to start
-
     from prefect.testing.utilities import prefect_test_harness
+
+    import flows  # noqa: F401 - sets the time that the server has to start
 
     with prefect_test_harness(server_startup_timeout=180):
         yield
+
+
+@pytest.fixture(scope="module")
+def object_store_server():
+    """A real S3 server on loopback: its URL, and its process."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            break
+        except OSError:
+            assert time.monotonic() < deadline, "the S3 server did not start"
+            time.sleep(0.2)
+    yield f"http://127.0.0.1:{port}", process
+    process.kill()
+    process.wait()
+
+
+@pytest.fixture
+def object_store(object_store_server, monkeypatch, request):
+    """The URL of an empty place in a bucket, with the environment that says how to reach it."""
+    import boto3
+
+    for name, value in {
+        "AWS_ACCESS_KEY_ID": "key",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_REGION": "us-east-1",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": object_store_server[0],
+        "AWS_ALLOW_HTTP": "true",
+    }.items():
+        monkeypatch.setenv(name, value)
+    boto3.client("s3").create_bucket(Bucket="shosa-test")
+    return f"s3://shosa-test/{re.sub('[^a-z0-9]+', '-', request.node.name)}"
 
 
 @pytest.fixture

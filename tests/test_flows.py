@@ -1,6 +1,8 @@
 """Tests of the flows on a real Prefect server: cache, bad takes, re-runs, artifacts."""
 
+import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -11,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flows.command import main
 from storage import open_archive
 from storage.publication import verify_take
 from storage.search_arrays import open_search_array, search_array_path
@@ -168,3 +171,54 @@ def test_a_run_killed_in_the_middle_is_finished_by_the_next(ingest, tmp_path, in
     archive = open_archive(tmp_path / "archive")
     assert len(archive.takes()) == 15
     assert all(verify_take(archive.place, take) == [] for take in archive.takes())
+
+
+def test_an_archive_in_an_object_store_is_ingested_and_searched(
+    prefect_server, object_store, inbox, capsys
+):
+    assert main(["ingest", object_store, str(inbox)]) == 0
+    assert main(["verify", object_store]) == 0
+    capsys.readouterr()
+    assert main(["search", object_store, "okuri48:10-40", "--top", "1", "--json"]) == 0
+    [match] = json.loads(capsys.readouterr().out)["matches"]
+    assert (match["take"], match["start"], match["end"]) == ("okuri48", 10, 40)
+    assert main(["index", object_store]) == 0
+
+
+def test_the_command_says_which_file_was_refused_and_why(prefect_server, tmp_path, inbox, capsys):
+    (inbox / "broken.trc").write_text("nothing of the kind")
+    assert main(["ingest", str(tmp_path / "archive"), str(inbox)]) == 3
+    out, err = capsys.readouterr()
+    assert re.search(r"refused +broken", out)
+    assert re.search(r"\[\d/4\] refused: .*broken.trc", err)
+    assert "Traceback" not in err
+    assert main(["takes", str(tmp_path / "archive"), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["takes"]) == 3
+
+
+def test_the_demo_finds_everything_that_it_promises(prefect_server, tmp_path, capsys):
+    assert main(["demo", str(tmp_path / "demo")]) == 0
+    out = capsys.readouterr().out
+    assert out.count("danced at") == 7
+    for promised, found in re.findall(r"danced at (\d+) other places, (\d+) of them", out):
+        assert promised == found
+    pictures = sorted((tmp_path / "demo" / "pictures").glob("*.png"))
+    assert len(pictures) == 10
+    assert all(picture.stat().st_size > 5000 for picture in pictures)
+
+
+@pytest.mark.data
+def test_all_shared_recordings_are_ingested_or_refused_with_a_sentence(
+    prefect_server, tmp_path, shared_data
+):
+    from flows.ingestion import ingest_archive
+
+    folders = [str(shared_data / name) for name in ("mocap", "c3d", "trc")]
+    outcomes = {each.take: each for each in ingest_archive(str(tmp_path / "archive"), folders)}
+    ingested = {take for take, each in outcomes.items() if each.status == "ingested"}
+    assert len(outcomes) == 24
+    assert len(ingested) == 17
+    assert {"ballet_reduced", "t_pose", "pig_motion-flatfoot-full"} <= ingested
+    for take in outcomes.keys() - ingested:
+        assert outcomes[take].status == "refused"
+        assert re.search("no marker set|is empty", outcomes[take].reason)

@@ -175,7 +175,7 @@ def test_a_record_of_a_newer_shosa_and_a_damaged_one_are_said(archive):
     path = Path(archive.place.location, "published/okuri48/000001.json")
     fields = json.loads(path.read_text())
     path.write_text(json.dumps({**fields, "format": 99}))
-    with pytest.raises(ArchiveError, match="newer shosa.*update shosa"):
+    with pytest.raises(ArchiveError, match=r"newer shosa.*update shosa"):
         read_record(archive.place, "okuri48")
     path.write_text("{")
     with pytest.raises(ArchiveError, match="000001.json is damaged"):

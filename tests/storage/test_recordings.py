@@ -70,7 +70,7 @@ def test_a_capture_is_passed_over_with_a_word(inbox):
     files, [note] = find_motion_files([inbox])
     assert len(files) == 3
     assert "day3 is a capture" in note
-    with pytest.raises(InputError, match="nothing to ingest: .*day3 is a capture"):
+    with pytest.raises(InputError, match=r"nothing to ingest: .*day3 is a capture"):
         find_motion_files([inbox / "day3"])
 
 

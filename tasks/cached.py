@@ -56,7 +56,5 @@ def cached(
     return run
 
 
-import_take_once = cached(
-    import_take, run_name="import {recording.take}", is_intact=is_imported
-)
+import_take_once = cached(import_take, run_name="import {recording.take}", is_intact=is_imported)
 index_take_once = cached(index_take, run_name="index {take}", is_intact=is_indexed)

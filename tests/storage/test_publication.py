@@ -178,7 +178,7 @@ def test_a_record_of_a_newer_shosa_and_a_damaged_one_are_said(archive):
     with pytest.raises(ArchiveError, match=r"newer shosa.*update shosa"):
         read_record(archive.place, "okuri48")
     path.write_text("{")
-    with pytest.raises(ArchiveError, match="000001.json is damaged"):
+    with pytest.raises(ArchiveError, match=r"000001.json is damaged"):
         archive.records()
     assert "is damaged" in verify_take(archive.place, "okuri48")[0]
 

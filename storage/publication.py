@@ -14,6 +14,7 @@ import re
 import secrets
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -88,6 +89,13 @@ def describe_files(place: Place, take: str, version: str) -> dict[str, dict[str,
         name = file.path[len(folder) + 1 :]
         described[name] = {"bytes": len(content), "sha256": digest_bytes(content)}
     return described
+
+
+def discard_version(place: Place, take: str, version: str) -> None:
+    """Remove what was written of a version that will not be published, as far as that goes."""
+    with suppress(OSError):
+        files = list_files(place, version_folder(take, version))
+        delete_files(place, [file.path for file in files])
 
 
 def publish_record(place: Place, record: Record) -> None:

@@ -21,10 +21,12 @@ from storage.formats import read_motion_file
 from storage.formats.joint_map import JointMap
 from storage.formats.joint_map import read_joint_map as read_joint_map
 from storage.formats.motion_file import MotionFile
-from storage.provenance import digest_file, now, recorded
+from storage.places import Place
+from storage.provenance import Provenance, digest_file, now, recorded
 from storage.publication import (
     Record,
     describe_files,
+    discard_version,
     new_version,
     next_number,
     publish_record,
@@ -307,23 +309,7 @@ def import_take(archive: str, recording: Recording, settings: ImportSettings) ->
         "path": recording.path,
         "digest": recording.digest,
     }
-    version = new_version(place, recording.take)
-    write_motion(
-        place,
-        version_folder(recording.take, version),
-        position=track.position,
-        filled=track.filled,
-        rate_hz=track.rate_hz,
-        attributes={
-            "source": source,
-            "metadata": recording.metadata,
-            "stature_m": track.stature_m,
-            "stature_source": track.stature_source,
-            "marker_set": track.marker_set,
-            "notes": list(track.notes),
-        },
-        provenance=provenance,
-    )
+    version, files = _write_version(place, recording, track, source, provenance)
     draft = Record(
         take=recording.take,
         version=version,
@@ -338,10 +324,42 @@ def import_take(archive: str, recording: Recording, settings: ImportSettings) ->
             if there
         ],
         stages=["motion"],
-        files=describe_files(place, recording.take, version),
+        files=files,
         notes=list(track.notes),
     )
     return asdict(draft)
+
+
+def _write_version(
+    place: Place,
+    recording: Recording,
+    track: JointTrack,
+    source: dict[str, str],
+    provenance: Provenance,
+) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Write a version of a take, or nothing; return its name and its files."""
+    version = new_version(place, recording.take)
+    try:
+        write_motion(
+            place,
+            version_folder(recording.take, version),
+            position=track.position,
+            filled=track.filled,
+            rate_hz=track.rate_hz,
+            attributes={
+                "source": source,
+                "metadata": recording.metadata,
+                "stature_m": track.stature_m,
+                "stature_source": track.stature_source,
+                "marker_set": track.marker_set,
+                "notes": list(track.notes),
+            },
+            provenance=provenance,
+        )
+        return version, describe_files(place, recording.take, version)
+    except BaseException:
+        discard_version(place, recording.take, version)
+        raise
 
 
 def is_imported(

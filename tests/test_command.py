@@ -11,6 +11,7 @@ import pytest
 
 from flows.command import build_parser, main, parse_frames
 from storage import create_archive, open_archive
+from storage.errors import PlaceError
 from storage.formats import read_motion_file
 from storage.recordings import find_motion_files, plan_takes
 from storage.schema import JOINTS
@@ -253,6 +254,16 @@ def test_bad_input_is_one_sentence_and_exit_code_3(archive, capsys, tmp_path):
         assert (code, out) == (3, ""), err
         assert message in err
         assert err.count("\n") == 1
+
+
+def test_a_disk_that_fills_up_in_the_middle_leaves_nothing_half_written(small_disk, write_walk):
+    file = write_walk(small_disk.parent / "long.trc", frames=3000)
+    location = small_disk / "archive"
+    [recording] = plan_takes(create_archive(location), [file]).recordings
+    with pytest.raises(PlaceError, match="No space left on device; free some space"):
+        import_take(str(location), recording, ImportSettings())
+    assert not [path for path in (location / "takes").rglob("*") if path.is_file()]
+    assert open_archive(location).takes() == []
 
 
 def test_a_query_longer_than_every_take_can_hold_is_said(archive, capsys, tmp_path, write_walk):

@@ -120,18 +120,6 @@ def test_a_file_is_created_once(tmp_path):
     assert os.listdir(tmp_path / "a") == ["b.json"]
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk of 256 kB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("only root can make a small disk here")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
-
-
 def test_a_full_disk_is_said_and_leaves_what_was_published(small_disk):
     archive = storage.create_archive(small_disk / "archive")
     publish(archive.place, "okuri48", frames=3)

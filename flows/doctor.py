@@ -79,9 +79,9 @@ def _tried(check: Callable[[], str]) -> Finding:
 def _compiler() -> str:
     """Search a generated take for a clip of itself."""
     import numpy as np
-    from tasks.searching import PackedTake, Query, SearchSettings, search_takes
 
     from tasks.retrieval.normalization import ROWS
+    from tasks.searching import PackedTake, Query, SearchSettings, search_takes
 
     rows = np.random.default_rng(0).normal(size=(ROWS, 90)).astype(np.float32)
     present = np.ones(21, bool)

@@ -3,10 +3,10 @@
 from prefect import flow, task
 from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
-from tasks.searching import SearchSettings
 
 from flows.answering import Answer, answer_query
 from tasks.importing import ImportSettings
+from tasks.searching import SearchSettings
 
 
 @flow(name="search_archive", flow_run_name="search {archive} for {query}")

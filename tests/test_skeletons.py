@@ -171,6 +171,16 @@ def test_gaps_are_crossed_and_do_not_count(dance, rng):
     assert np.median(np.linalg.norm(fitted - partly[:, elbow], axis=1)[whole]) < 0.02
 
 
+def test_in_a_gap_a_joint_goes_with_the_hips(dance):
+    jump = np.zeros((FRAMES, 1, 3))
+    jump[:, 0, 1] = np.sin(np.linspace(0, np.pi, FRAMES))
+    still = dance[:1] + jump
+    partly = still.copy()
+    partly[5:35, JOINTS.index("LWrist")] = np.nan
+    skeleton, _ = fit_skeleton(partly, JOINTS)
+    assert largest(skeleton, still) < 1e-9
+
+
 def test_one_frame_that_is_off_does_not_make_the_bones_long(dance):
     off = dance.copy()
     off[7, JOINTS.index("Head")] += [0, 9.0, 0]

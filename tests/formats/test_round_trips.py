@@ -67,6 +67,15 @@ def test_a_csv_holds_the_track(folder, track):
     np.testing.assert_allclose(time_s, np.arange(len(position)) / rate_hz, atol=1e-8)
 
 
+def test_the_cells_of_a_gap_are_empty(folder):
+    position = np.array([[[1, 2, 3], [4, 5, 6]], [[1, 2, np.nan], [4, 5, 6]]])
+    write_trc(folder / "gap.trc", position, ["A", "B"], 50.0)
+    write_joint_csv(folder / "gap.csv", position, ["A", "B"], 50.0)
+    trc, table = ((folder / f"gap.{end}").read_text().splitlines()[-1] for end in ("trc", "csv"))
+    assert trc == "2\t0.02\t\t\t\t4000.00000\t5000.00000\t6000.00000"
+    assert table == "0.02,,,,4.00000000,5.00000000,6.00000000"
+
+
 @pytest.mark.data
 @pytest.mark.parametrize(
     "name",

@@ -64,6 +64,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
     """Print all that is known of one take."""
     record = take.record
     size = sum(each["bytes"] for each in record.files.values())
+    stature_m, source = (take.motion.attrs[key] for key in ("stature_m", "stature_source"))
     missing = [joint for joint in JOINTS if joint not in record.joints_present]
     about = {
         **_described(record),
@@ -72,6 +73,8 @@ def print_take(take: Take, *, as_json: bool) -> None:
         "digest": record.source["digest"],
         "joints": record.joints_present,
         "joints_missing": missing,
+        "stature_m": stature_m,
+        "stature_source": source,
         "version": record.number,
         "published": record.published,
         "bytes": size,
@@ -89,6 +92,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
         f"{record.frames / record.rate_hz:.1f} s",
         "joints": f"{len(record.joints_present)} of {len(JOINTS)}"
         + (f" (without {', '.join(missing)})" if missing else ""),
+        "stature": f"{stature_m:.3f} m, {source}" if stature_m else "unknown: compared as 1.6 m",
         "stages": ", ".join(record.stages),
         "version": f"{record.number}, published {record.published}",
         "on disk": f"{size / 1e6:.2f} MB in {take.path}",

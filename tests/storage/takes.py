@@ -1,5 +1,8 @@
 """Small takes written straight into an archive, whose every value tells their version."""
 
+import multiprocessing
+import os
+
 import numpy as np
 
 from storage import create_archive
@@ -56,8 +59,33 @@ def publish(place, take, **options):
     return record
 
 
-def publish_for_ever(location, take, told):
+def publish_until_killed(location, take, seconds):
+    """Publish in a process of its own, kill that after so long, and return the last number told.
+
+    None where it was killed before it published anything.
+    """
+    context = multiprocessing.get_context("forkserver")  # a start costs milliseconds
+    context.set_forkserver_preload(["tests.storage.takes"])
+    reader, writer = context.Pipe(duplex=False)
+    # the fork server keeps the environment that it was started in
+    access = {name: value for name, value in os.environ.items() if name.startswith("AWS_")}
+    process = context.Process(target=publish_for_ever, args=(location, take, writer, access))
+    process.start()
+    writer.close()
+    process.join(timeout=seconds)
+    process.kill()
+    process.join()
+    last = None
+    while True:
+        try:
+            last = reader.recv()
+        except EOFError:
+            return last
+
+
+def publish_for_ever(location, take, told, access):
     """Publish version after version, telling each number once it is published, until killed."""
+    os.environ.update(access)
     place = create_archive(location).place
     while True:
         told.send(publish(place, take).number)

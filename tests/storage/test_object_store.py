@@ -1,6 +1,5 @@
 """Tests of an archive in an object store: a real S3 server process on loopback."""
 
-import multiprocessing
 import time
 from datetime import timedelta
 
@@ -12,7 +11,7 @@ from storage.errors import ConflictError, InputError, PlaceError
 from storage.publication import collect_garbage, publish_record, verify_take
 from storage.search_arrays import open_search_array, verify_search_array
 
-from .takes import publish, publish_for_ever, write_version
+from .takes import publish, publish_until_killed, write_version
 
 pytestmark = pytest.mark.slow
 
@@ -52,22 +51,10 @@ def test_an_empty_bucket_is_no_archive(object_store):
 
 def test_a_run_killed_at_any_moment_leaves_the_old_version_or_the_new_one(object_store):
     rng = np.random.default_rng(20030602)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.storage.takes"])
     published = 0
     for _ in range(40):
-        reader, writer = context.Pipe(duplex=False)
-        process = context.Process(target=publish_for_ever, args=(object_store, "okuri48", writer))
-        process.start()
-        writer.close()
-        process.join(timeout=rng.uniform(0.0, 1.0))
-        process.kill()
-        process.join()
-        while True:
-            try:
-                published = reader.recv()
-            except EOFError:
-                break
+        told = publish_until_killed(object_store, "okuri48", rng.uniform(0.0, 1.0))
+        published = told or published
         if published:
             archive = open_archive(object_store)
             take = archive.take("okuri48")

@@ -1,7 +1,6 @@
 """Tests of storage.publication on a directory."""
 
 import json
-import multiprocessing
 import os
 import threading
 from datetime import timedelta
@@ -21,7 +20,7 @@ from storage.publication import (
 )
 from storage.search_arrays import open_search_array, verify_search_array
 
-from .takes import publish, publish_for_ever, write_version
+from .takes import publish, publish_until_killed, write_version
 
 NOW = timedelta(0)
 
@@ -187,23 +186,11 @@ def test_a_record_of_a_newer_shosa_and_a_damaged_one_are_said(archive):
 def test_killed_at_any_moment_a_run_leaves_the_old_version_or_the_new_one(tmp_path):
     """300 kills at random moments; every published number is kept, every take is whole."""
     rng = np.random.default_rng(20030601)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.storage.takes"])
     location = str(tmp_path / "archive")
     published, seen, unpublished = 0, set(), 0
     for _ in range(300):
-        reader, writer = context.Pipe(duplex=False)
-        process = context.Process(target=publish_for_ever, args=(location, "okuri48", writer))
-        process.start()
-        writer.close()
-        process.join(timeout=rng.uniform(0.0, 0.25))
-        process.kill()
-        process.join()
-        while True:
-            try:
-                published = reader.recv()
-            except EOFError:
-                break
+        told = publish_until_killed(location, "okuri48", rng.uniform(0.0, 0.25))
+        published = told or published
         if not published:
             continue
         archive = open_archive(location)

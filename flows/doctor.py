@@ -23,8 +23,6 @@ _MODULES = {
     "xarray": "xarray",
     "obstore": "obstore",
     "opencv-contrib-python-headless": "cv2",
-    "ezc3d": "ezc3d",
-    "c3d": "c3d",
     "prefect": "prefect",
 }
 

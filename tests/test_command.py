@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from storage.schema import JOINTS
 from storage.search_arrays import search_array_path
 from tasks.importing import ImportSettings, import_take, publish_take
 from tasks.indexing import index_take
+from tasks.retrieval.normalization import joints_present, pack_motion
+from tasks.searching import PackedTake, SearchSettings, clip_take, search_takes
 
 COMMANDS = (
     *("demo", "ingest", "takes", "show", "path", "search", "index"),
@@ -132,6 +135,25 @@ def test_a_file_that_is_in_no_archive_is_a_query_like_its_take(archive, capsys, 
     assert json.loads(of_file)["query"]["file"] == str(file)
     assert [m["take"] for m in matches] == [m["take"] for m in json.loads(of_take)["matches"]]
     assert matches[0]["distance"] < 1e-6
+
+
+def test_the_index_changes_no_answer(archive, capsys):
+    opened = open_archive(archive)
+    takes = []
+    for record in opened.records():
+        motion = opened.take(record.take).motion
+        position = motion["position"].values
+        rows = pack_motion(position, record.rate_hz, motion.attrs["stature_m"])
+        present = joints_present(position)
+        takes.append(PackedTake(record.take, rows, record.rate_hz, record.frames, present))
+    query = clip_take(takes[1], 20, 50)
+    direct = search_takes(query, takes, SearchSettings(part="legs", mirror=True)).matches
+    _, out, _ = run(
+        capsys, "search", archive, "okuri48:20-50", "--part", "legs", "--mirror", "--json"
+    )
+    found = json.loads(out)["matches"]
+    assert [{"rank": i, **asdict(m)} for i, m in enumerate(direct, start=1)] == found
+    assert len(found) > 3
 
 
 def test_searching_some_takes_and_below_a_threshold(archive, capsys):

@@ -182,6 +182,8 @@ def test_an_archive_in_an_object_store_is_ingested_and_searched(
     assert main(["search", object_store, "okuri48:10-40", "--top", "1", "--json"]) == 0
     [match] = json.loads(capsys.readouterr().out)["matches"]
     assert (match["take"], match["start"], match["end"]) == ("okuri48", 10, 40)
+    assert main(["search", object_store, "okuri48:10-40", "--top", "1", "--json", "--flow"]) == 0
+    assert json.loads(capsys.readouterr().out)["matches"] == [match]
     assert main(["index", object_store]) == 0
 
 

@@ -51,14 +51,15 @@ def ingest_archive(
     """
     settings = settings or ImportSettings()
     files, notes = find_motion_files(paths)
-    plan = plan_takes(create_archive(archive), files)
+    opened = create_archive(archive)
+    plan = plan_takes(opened, files)
     for note in notes + plan.notes:
         logger.warning("%s", note)
     total = len(plan.recordings)
     progress = create_progress_artifact(
         progress=0.0, key="ingest-progress", description=f"{total} motion files into {archive}"
     )
-    runs = [ingest_take.submit(archive, each, settings) for each in plan.recordings]
+    runs = [ingest_take.submit(opened.location, each, settings) for each in plan.recordings]
     outcomes = [_refused(each) for each in plan.refusals]
     for done, run in enumerate(runs, start=1):
         result = run.result(raise_on_failure=False)

@@ -67,6 +67,11 @@ class Archive:
 
     place: Place
 
+    @property
+    def location(self) -> str:
+        """Where it is, whatever the working directory: an absolute path, or a URL."""
+        return str(self.place.folder or self.place.location)
+
     def takes(self) -> list[str]:
         """Return the names of all takes, sorted."""
         return published_takes(self.place)

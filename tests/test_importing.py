@@ -1,4 +1,4 @@
-"""Motion files into joint tracks: units, axes, gaps, floor, stature, and what is refused."""
+"""A body that stands, right side; it looks to -z."""
 
 import os
 from dataclasses import replace
@@ -15,72 +15,16 @@ from storage.formats.motion_file import MotionFile
 from storage.schema import JOINTS
 from tasks.geometry.signals import fill_gaps, filter_low_pass
 from tasks.importing import ImportSettings, make_joint_track
-
-FRAMES, RATE_HZ = 120, 60.0
-GIVEN = {
-    "Head": (0, 1.65, 0),
-    "Neck": (0, 1.4, 0),
-    "Waist": (0, 1.05, 0),
-    "RShoulder": (0.18, 1.38, 0),
-    "RElbow": (0.25, 1.1, 0.03),
-    "RWrist": (0.28, 0.86, -0.05),
-    "RFin": (0.28, 0.7, -0.1),
-    "RHip": (0.09, 0.95, 0),
-    "RKnee": (0.1, 0.52, -0.05),
-    "RAnkle": (0.11, 0.08, 0),
-    "RHeel": (0.11, 0.02, 0.06),
-    "RFoot": (0.11, 0.02, -0.19),
-}
-"""A body that stands, right side; it looks to -z."""
-PLUG_IN_GAIT = {
-    "RFHD": (0.07, 1.58, -0.09),
-    "RBHD": (0.07, 1.58, 0.09),
-    "C7": (0, 1.42, 0.07),
-    "CLAV": (0, 1.36, -0.08),
-    "T10": (0, 1.2, 0.1),
-    "STRN": (0, 1.18, -0.1),
-    "RSHO": (0.18, 1.42, 0),
-    "RELB": (0.29, 1.1, 0.03),
-    "RWRA": (0.27, 0.87, -0.08),
-    "RWRB": (0.29, 0.86, -0.01),
-    "RFIN": (0.3, 0.79, -0.06),
-    "RASI": (0.12, 1.03, -0.08),
-    "RPSI": (0.05, 1.04, 0.09),
-    "RTHI": (0.19, 0.75, -0.02),
-    "RKNE": (0.16, 0.52, -0.04),
-    "RTIB": (0.16, 0.3, 0),
-    "RANK": (0.15, 0.09, 0.01),
-    "RHEE": (0.11, 0.05, 0.09),
-    "RTOE": (0.12, 0.05, -0.1),
-}
-
-
-def dance(points, frames=FRAMES):
-    """Return names and positions of a body that sways, turns and walks; metres, Y up."""
-    whole = dict(points)
-    for name, (x, y, z) in points.items():
-        if name[0] == "R":
-            whole["L" + name[1:]] = (-x, y, z)
-    time = np.arange(frames) / RATE_HZ
-    still = np.array(list(whole.values()), float)
-    sway = 0.02 * np.sin(2 * np.pi * time[:, None, None] + still[None, :, :1] * 9)
-    turn = Rotation.from_rotvec(np.outer(0.7 * np.sin(time), [0.0, 1.0, 0.0]))
-    moving = still + sway * still[None, :, 1:2]
-    turned = np.stack([turn[i].apply(moving[i]) for i in range(frames)])
-    return tuple(whole), turned + np.stack([0.5 * time, 0 * time, -0.2 * time], 1)[:, None]
-
-
-def motion_file(points=GIVEN, *, unit_m=1.0, up="y", source="trc", frames=FRAMES):
-    names, position = dance(points, frames)
-    return MotionFile(source, names, position, RATE_HZ, unit_m, up)
-
-
-def track_of(motion, **settings):
-    return make_joint_track(motion, ImportSettings(**settings), file_name="okuri48.trc")
-
-
-def said(track, text):
-    return any(text in note for note in track.notes)
+from tests.motion_files import (
+    FRAMES,
+    GIVEN,
+    PLUG_IN_GAIT,
+    RATE_HZ,
+    dance,
+    motion_file,
+    said,
+    track_of,
+)
 
 
 def test_our_own_joints_come_through_as_they_are():
@@ -92,104 +36,6 @@ def test_our_own_joints_come_through_as_they_are():
     assert track.position.shape == (FRAMES, 21, 3)
     assert not track.filled.any()
     assert (track.marker_set, track.rate_hz) == ("shosa", RATE_HZ)
-
-
-@pytest.mark.parametrize("points", [GIVEN, PLUG_IN_GAIT], ids=["joints", "markers"])
-@pytest.mark.parametrize(
-    ("unit_m", "name"),
-    [
-        (1.0, "meters"),
-        (0.01, "centimeters"),
-        (0.001, "millimeters"),
-        (0.0254, "inches"),
-        (0.0254 / 0.45, "CMU units"),
-    ],
-)
-def test_an_unsaid_unit_is_inferred_from_the_stature_and_said(points, unit_m, name):
-    motion = motion_file(points)
-    foreign = replace(motion, position=motion.position / unit_m, unit_m=None)
-    track = track_of(foreign)
-    np.testing.assert_allclose(track.position, track_of(motion).position, atol=1e-5)
-    assert said(track, f"The unit was taken to be {name}")
-
-
-def test_between_two_units_the_ratio_of_statures_decides_or_the_stature_that_is_given():
-    motion = motion_file()
-    child = replace(motion, position=motion.position * 100 / track_of(motion).stature_m)
-    unsaid = replace(child, unit_m=None)
-    assert said(track_of(unsaid), "The unit was taken to be inches (0.0254 m): so the body is 2.54")
-    assert said(track_of(unsaid, stature_m=1.1), "The unit was taken to be centimeters")
-
-
-def test_without_a_head_the_unit_is_inferred_from_the_legs():
-    legs = {name: at for name, at in GIVEN.items() if name not in ("Head", "Neck")}
-    motion = motion_file(legs)
-    track = track_of(replace(motion, position=motion.position * 1000, unit_m=None))
-    assert said(track, "The unit was taken to be millimeters")
-    assert (track.stature_m, track.stature_source) == (None, "unknown")
-    assert said(track, "The stature is unknown")
-    assert said(track, "Missing joints: Head.")
-
-
-def test_a_given_scale_overrules_what_the_file_says():
-    motion = motion_file()
-    track = track_of(replace(motion, unit_m=0.001), scale=2.0)
-    expected = 2 * track_of(motion).position
-    np.testing.assert_allclose(track.position, expected, atol=1e-5)
-    assert said(track, "One unit is 2 m, as given.")
-
-
-def test_a_unit_that_makes_a_giant_is_refused_with_the_one_that_would_fit():
-    motion = motion_file()
-    wrong = replace(motion, position=motion.position * 1000, unit_m=1.0)
-    with pytest.raises(InputError, match=r"body is 1\.\d+e\+03 m tall.*in millimeters.*--scale"):
-        track_of(wrong)
-
-
-def test_a_body_whose_size_cannot_be_seen_needs_a_scale():
-    few = {name: at for name, at in GIVEN.items() if name[1:] in ("Hip", "Wrist", "Elbow")}
-    motion = motion_file(few)
-    with pytest.raises(InputError, match=r"does not say its unit, and no leg shows.*--scale"):
-        track_of(replace(motion, unit_m=None))
-    assert said(track_of(motion), "Y points up") is False
-
-
-@pytest.mark.parametrize("points", [GIVEN, PLUG_IN_GAIT], ids=["joints", "markers"])
-@pytest.mark.parametrize(
-    ("up", "rotation"),
-    [
-        ("z", ("x", 90)),
-        ("-z", ("x", -90)),
-        ("x", ("z", -90)),
-        ("-x", ("z", 90)),
-        ("-y", ("x", 180)),
-    ],
-)
-def test_any_axis_may_point_up(points, up, rotation):
-    motion = motion_file(points)
-    turn = Rotation.from_euler(*rotation, degrees=True)
-    turned = turn.apply(motion.position.reshape(-1, 3)).reshape(motion.position.shape)
-    np.testing.assert_allclose(abs(turn.apply([0, 1, 0])["xyz".index(up[-1])]), 1)
-    expected = track_of(motion).position
-    inferred = track_of(replace(motion, position=turned, up=None))
-    np.testing.assert_allclose(inferred.position, expected, atol=1e-5)
-    assert said(inferred, f"{up.upper()} was taken to point up")
-    given = track_of(replace(motion, position=turned, up="y"), up=up)
-    np.testing.assert_allclose(given.position, expected, atol=1e-5)
-
-
-def test_a_bvh_file_that_stands_along_z_is_believed_against_the_custom():
-    motion = motion_file(source="bvh")
-    turned = motion.position[..., [0, 2, 1]] * [1, -1, 1]
-    track = track_of(replace(motion, position=turned))
-    np.testing.assert_allclose(track.position, track_of(motion).position, atol=1e-5)
-    assert said(track, "Z was taken to point up, not Y as is usual")
-
-
-def test_another_file_is_believed_about_its_axis_but_warned_of():
-    motion = motion_file()
-    turned = replace(motion, position=motion.position[..., [0, 2, 1]] * [1, -1, 1])
-    assert said(track_of(turned), "Y points up as the file says, but the body stands along Z")
 
 
 @pytest.mark.parametrize("gap", [11, 12])
@@ -249,36 +95,6 @@ def test_markers_of_plug_in_gait_make_a_body_of_human_measures():
     assert said(track, "Placed by rule, RHip and LHip: from the ASIS and PSIS markers")
 
 
-@pytest.mark.parametrize(
-    ("source", "height", "shift"),
-    [
-        ("bvh", 0.0, 0.0),
-        ("bvh", 0.02, 0.0),
-        ("bvh", 0.3, -0.32),
-        ("bvh", -0.2, 0.18),
-        ("trc", -0.9, 0.88),
-    ],
-)
-def test_a_body_above_or_below_the_floor_is_put_on_it(source, height, shift):
-    motion = motion_file(source=source)
-    track = track_of(replace(motion, position=motion.position + np.array([0, height, 0])))
-    feet = [JOINTS.index(joint) for joint in ("RFoot", "LFoot", "RHeel", "LHeel")]
-    before = motion.position[:, [motion.names.index(JOINTS[i]) for i in feet], 1] + height
-    np.testing.assert_allclose(track.position[:, feet, 1], before + shift, atol=1e-3)
-    assert said(track, "cm above the floor") == (shift != 0)
-
-
-def test_one_wild_frame_does_not_move_the_floor():
-    motion = motion_file(source="bvh")
-    wild = motion.position.copy()
-    wild[7] -= [0, 3, 0]
-    np.testing.assert_allclose(
-        track_of(replace(motion, position=wild)).position[8],
-        track_of(motion).position[8],
-        atol=1e-6,
-    )
-
-
 def test_stature_is_measured_unless_it_is_given():
     track = track_of(motion_file(frames=1))
     leg = np.linalg.norm([0.01, 0.43, 0.05]) + np.linalg.norm([0.01, 0.44, 0.05])
@@ -286,14 +102,6 @@ def test_stature_is_measured_unless_it_is_given():
     assert track.stature_source == "measured"
     given = track_of(motion_file(), stature_m=1.72)
     assert (given.stature_m, given.stature_source) == (1.72, "given")
-
-
-def test_exchanged_sides_are_noticed():
-    motion = motion_file()
-    other = {"R": "L", "L": "R"}
-    swapped = tuple(other.get(name[0], name[0]) + name[1:] for name in motion.names)
-    assert said(track_of(replace(motion, names=swapped)), "Left and right look exchanged")
-    assert not said(track_of(motion), "Left and right look exchanged")
 
 
 def test_end_sites_of_no_length_are_not_there():
@@ -445,6 +253,8 @@ def test_a_joint_map_that_is_not_there_says_so(tmp_path):
 
 
 DATA = Path(os.environ.get("SHOSA_DATA", Path(__file__).parents[1] / "../shared/data"))
+
+
 needs_data = [
     pytest.mark.data,
     pytest.mark.skipif(not DATA.is_dir(), reason="the shared recordings are not here"),

@@ -360,7 +360,7 @@ def read_packed_takes(
     packed: list[PackedTake] = []
     skipped: dict[str, str] = {}
     for record in records:
-        present = np.isin(_JOINTS, record.joints_present)
+        present = np.array([joint in record.joints_present for joint in _JOINTS])
         try:
             rows = open_search_array(place, record.take, record.version)
         except ArchiveError as error:

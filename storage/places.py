@@ -208,6 +208,8 @@ def _reason(error: Exception) -> str:
         28: "free some space, then run it again",
         30: "choose a place that can be written to",
         13: "choose a place that you may write to",
+        1: "an archive needs a file system with hard links, which FAT and exFAT are not",
+        95: "an archive needs a file system with hard links, which FAT and exFAT are not",
     }
     return f"{os.strerror(number)}; {advice.get(number, 'mend this, then run it again')}"
 

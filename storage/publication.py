@@ -118,7 +118,7 @@ def publish_record(place: Place, record: Record) -> None:
 
 def published_takes(place: Place) -> list[str]:
     """Return the names of all takes, sorted."""
-    return list_names(place, "published")
+    return sorted(_newest_records(place))
 
 
 def read_record(place: Place, take: str) -> Record | None:
@@ -132,11 +132,7 @@ def read_record(place: Place, take: str) -> Record | None:
 
 def read_records(place: Place) -> list[Record]:
     """Return what every take is now, in the order of their names."""
-    newest: dict[str, str] = {}
-    for file in list_files(place, "published"):
-        _, take, name = file.path.split("/")
-        if _RECORD_NAME.match(name):
-            newest[take] = max(newest.get(take, ""), file.path)
+    newest = _newest_records(place)
     paths = [newest[take] for take in sorted(newest)]
     if place.folder:
         return [_parse_record(place, path, read_file(place, path)) for path in paths]
@@ -153,7 +149,7 @@ def collect_garbage(place: Place, *, older_than: timedelta) -> list[StoredFile]:
     """
     limit = datetime.now(UTC) - older_than
     doomed: list[StoredFile] = []
-    records = {take: _numbers(place, take) for take in published_takes(place)}
+    records = {take: _numbers(place, take) for take in list_names(place, "published")}
     for take, numbers in records.items():
         doomed += _replaced_records(place, take, max(numbers, default=0), limit)
     kept = {(r.take, r.version) for take in records if (r := read_record(place, take))}
@@ -197,6 +193,16 @@ def damaged_files(place: Place, record: Record) -> list[str]:
                 f"{record.files[name]['bytes']} were published, or another digest"
             )
     return sorted(faults)
+
+
+def _newest_records(place: Place) -> dict[str, str]:
+    """Return the path of the record with the highest number, by take."""
+    newest: dict[str, str] = {}
+    for file in list_files(place, "published"):
+        _, take, name = file.path.split("/")
+        if _RECORD_NAME.match(name):
+            newest[take] = max(newest.get(take, ""), file.path)
+    return newest
 
 
 def _record_path(take: str, number: int) -> str:

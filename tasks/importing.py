@@ -39,7 +39,7 @@ from tasks.bearings import AXES, find_floor, find_unit, find_up, side_notes
 from tasks.geometry.signals import fill_gaps, filter_low_pass, inner_runs
 from tasks.geometry.virtual_joints import plan_points
 from tasks.marker_choice import Choice, choose_points, place_joints
-from tasks.retrieval.normalization import joints_present, measure_stature
+from tasks.retrieval.normalization import DEFAULT_STATURE_M, joints_present, measure_stature
 
 logger = logging.getLogger(__name__)
 
@@ -219,11 +219,16 @@ def _joint_faults(position: Positions, choice: Choice, motion: MotionFile) -> It
 def _find_stature(
     position: Positions, settings: ImportSettings
 ) -> tuple[float | None, str, list[str]]:
+    """Return the stature, where it comes from, and what is to be said of it."""
     if settings.stature_m is not None:
         return settings.stature_m, "given", []
     stature = measure_stature(position, JOINTS)
     if math.isnan(stature):
-        return None, "unknown", ["The stature is unknown: head, neck or a leg is missing."]
+        note = (
+            "The stature is unknown, because head, neck or a leg is missing: the take is compared "
+            f"as one of {DEFAULT_STATURE_M} m; stature_m in its metadata says better."
+        )
+        return None, "unknown", [note]
     return stature, "measured", []
 
 

@@ -44,7 +44,7 @@ def test_without_a_head_the_unit_is_inferred_from_the_legs():
     track = track_of(replace(motion, position=motion.position * 1000, unit_m=None))
     assert said(track, "The unit was taken to be millimeters")
     assert (track.stature_m, track.stature_source) == (None, "unknown")
-    assert said(track, "The stature is unknown")
+    assert said(track, "the take is compared as one of 1.6 m")
     assert said(track, "Missing joints: Head.")
 
 

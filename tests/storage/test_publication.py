@@ -45,6 +45,17 @@ def test_a_take_is_there_once_published_and_not_before(archive):
     assert number_in(archive.take("okuri48")) == 1
 
 
+def test_a_run_killed_before_its_first_record_leaves_no_take(archive):
+    folder = Path(archive.place.location, "published/okuri48")
+    folder.mkdir(parents=True)
+    (folder / ".abc.partial").write_text("{")
+    assert archive.takes() == []
+    assert archive.records() == []
+    collect_garbage(archive.place, older_than=NOW)
+    assert list(folder.parent.rglob("*.partial")) == []
+    assert publish(archive.place, "okuri48").number == 1
+
+
 def test_a_new_version_replaces_the_old_one_and_leaves_its_readers_alone(archive):
     publish(archive.place, "okuri48")
     reader = archive.take("okuri48")

@@ -51,9 +51,10 @@ def test_an_empty_bucket_is_no_archive(object_store):
 
 def test_a_run_killed_at_any_moment_leaves_the_old_version_or_the_new_one(object_store):
     rng = np.random.default_rng(20030602)
-    published = 0
+    published, patience_s = 0, 0.5
     for _ in range(40):
-        told = publish_until_killed(object_store, "okuri48", rng.uniform(0.0, 1.0))
+        told = publish_until_killed(object_store, "okuri48", rng.uniform(0.0, patience_s))
+        patience_s *= 0.95 if told else 1.1  # so that on any machine two in three publish
         published = told or published
         if published:
             archive = open_archive(object_store)

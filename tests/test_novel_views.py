@@ -197,10 +197,10 @@ def test_the_floor_is_seen_below_the_horizon_and_darkest_under_the_body():
     assert shadow[0, 0] < 0.01 < 0.5 < shadow.max() <= 1.0
     higher = cast_shadow(body + np.array([0.0, 0.5, 0.0]), 0.05, np.zeros(2), 0.0)
     assert higher.max() < 0.8 * shadow.max()
-    beneath = aim_camera((0.0, 0.5, 0.0), 0.0, -0.5, 3.0, SIZE)
-    assert not covered(
-        render_view(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), 0.05, *beneath, SIZE)
-    ).any()
+    for height, elevation in ((0.5, -0.5), (-2.0, 0.2)):
+        beneath = aim_camera((0.0, height, 0.0), 0.0, elevation, 3.0, SIZE)
+        image = render_view(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), 0.05, *beneath, SIZE)
+        assert not covered(image).any()
 
 
 def test_a_body_behind_or_beside_the_camera_is_not_drawn():
@@ -209,6 +209,24 @@ def test_a_body_behind_or_beside_the_camera_is_not_drawn():
         camera = aim_camera((0.0, 0.0, 0.0), 0.0, 0.0, 3.0, SIZE)
         image = render_view(body + place, paint(body, (9,) * 3), 0.05, *camera, SIZE, settings=BARE)
         assert not covered(image).any()
+
+
+def test_the_side_toward_the_camera_is_seen():
+    body = sphere(8, 0.02)
+    color = np.where(body[:, 2:] >= 0.0, [200, 0, 0], [0, 0, 200]).astype(np.uint8)
+    for azimuth, channel in ((0.0, 0), (math.pi, 2)):
+        camera = aim_camera((0.0, 0.0, 0.0), azimuth, 0.0, 1.0, SIZE)
+        middle = render_view(body, color, 0.02, *camera, SIZE, settings=BARE)[17:23, 25:31]
+        assert (middle[..., channel] > 100).all()
+        assert (middle[..., 2 - channel] == 0).all()
+
+
+def test_fine_pixels_share_the_edges_of_the_picture():
+    lens = np.array([[50.0, 0.0, 7.0], [0.0, 40.0, 5.0], [0.0, 0.0, 1.0]])
+    ball = project_balls(np.array([[0.2, -0.1, 2.0], [0.0, 0.0, -2.0]]), lens, 0.1, 2)
+    # pixel (12, 3) is fine pixels 24-25 and 6-7
+    np.testing.assert_allclose(ball[0], [24.5, 6.5, 5.0, 4.0, 2.0, 0.1], rtol=1e-6)
+    assert ball[1, 4] == 0.0
 
 
 def test_far_voxels_are_not_lost_between_pixels():

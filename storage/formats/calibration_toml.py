@@ -1,0 +1,115 @@
+"""Calibrations as TOML: Pose2Sim's and Anipose's, and our own, which both of them can read.
+
+A table a camera: `name`, `size` (width, height), `matrix`, `distortions`, `rotation` (a
+Rodrigues vector), `translation`, `fisheye`. Ours says `unit` and `up` under [metadata] too.
+"""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from storage.errors import InputError
+from storage.formats.calibration_parts import (
+    Calibration,
+    Parts,
+    as_shown,
+    build_cameras,
+    refuse,
+)
+from storage.formats.camera import Y_UP_FROM, Camera, vector_from_rotation
+from storage.formats.reading import METERS, listed
+from storage.formats.writing import write_beside
+
+_WANTED = "a table a camera with size, matrix, distortions, rotation and translation"
+
+
+def read_toml_calibration(path: Path, text: str) -> Calibration:
+    """Read the cameras of a TOML file, in the order of its tables.
+
+    Raises
+    ------
+    InputError
+        It is not TOML, has no camera, or a camera's numbers cannot be used.
+    """
+    try:
+        tables = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    metadata = tables.pop("metadata", {})
+    found = {name: table for name, table in tables.items() if isinstance(table, dict)}
+    if not any("matrix" in table for table in found.values()):
+        names = listed([*tables]) if tables else "nothing"
+        raise InputError(f"{path} has no camera: found are {names}; wanted is {_WANTED}")
+    faults, unit_m, up = _stated(metadata if isinstance(metadata, dict) else {})
+    faults += [
+        f"camera {name!r}: its lens is a fisheye, which cannot be used; calibrate it with "
+        "OpenCV's ordinary model"
+        for name, table in found.items()
+        if table.get("fisheye")
+    ]
+    if faults:
+        refuse(path, faults)
+    return Calibration(build_cameras(path, map(_parts, found, found.values())), unit_m, up)
+
+
+def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write cameras as our own TOML: beside its place, then renamed.
+
+    Parameters
+    ----------
+    path : Path
+        One that is there is replaced.
+    cameras : sequence of Camera
+        Metres, y up; no two with one name.
+
+    Raises
+    ------
+    ValueError
+        There is no camera, or two have one name.
+    OSError
+        The file cannot be written; what was there before is still there.
+    """
+    names = [camera.name for camera in cameras]
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"{listed(names) or 'no names'}: give each camera a name of its own")
+    text = "\n".join(_table(camera) for camera in cameras)
+    text += '\n[metadata]\nadjusted = false\nerror = 0.0\nunit = "m"\nup = "y"\n'
+    write_beside(Path(path), text.encode())
+
+
+def _stated(metadata: dict[str, Any]) -> tuple[list[str], float | None, str | None]:
+    """Return the faults, the unit and the axis that [metadata] names."""
+    faults = []
+    unit, up = metadata.get("unit"), metadata.get("up")
+    if unit is not None and unit not in METERS:
+        faults.append(f"the unit {as_shown(unit)} is not known; write m, cm or mm")
+    if up is not None and up not in Y_UP_FROM:
+        faults.append(f"up = {as_shown(up)} is no axis; write one of {', '.join(Y_UP_FROM)}")
+    return faults, None if faults or unit is None else METERS[unit], up
+
+
+def _parts(key: str, table: dict[str, Any]) -> Parts:
+    name = table.get("name", key)
+    return Parts(
+        str(name),
+        table.get("size"),
+        table.get("matrix"),
+        table.get("distortions", ()),
+        table.get("rotation"),
+        table.get("translation"),
+    )
+
+
+def _table(camera: Camera) -> str:
+    """Return a camera's table; repr gives back every bit of a number."""
+    name = json.dumps(camera.name, ensure_ascii=False)
+    distortion = camera.distortion.tolist() or [0.0] * 4
+    size = "" if camera.size is None else f"size = {[float(side) for side in camera.size]}\n"
+    return (
+        f"[{name}]\nname = {name}\n{size}matrix = {camera.intrinsics.tolist()}\n"
+        f"distortions = {distortion}\n"
+        f"rotation = {vector_from_rotation(camera.rotation).tolist()}\n"
+        f"translation = {camera.translation.tolist()}\nfisheye = false\n"
+    )

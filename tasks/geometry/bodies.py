@@ -1,0 +1,377 @@
+"""The surface of a clothed performer, posed by the joints.
+
+Every bone carries a tube of rings; a kimono adds a skirt around both legs and sleeves that hang
+from the forearms. Thicknesses are those of an adult of 1.70 m, scaled by the performer's bones.
+Tubes overlap where they meet, so the surface has no holes; what lies inside is never seen.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.limbs import unit
+from tasks.geometry.tubes import (
+    Color,
+    Track,
+    Tube,
+    close_tube,
+    join_tubes,
+    shape_stations,
+    tube_along,
+)
+
+SEGMENTS = (
+    *("Head", "Body", "Waist", "RUpperArm", "RForeArm", "LUpperArm", "LForeArm"),
+    *("RUpperLeg", "RLowerLeg", "LUpperLeg", "LLowerLeg"),
+)
+"""Names of the labels 1 to 11 of a segment."""
+
+SKIN: Color = (222, 176, 142)
+HAIR: Color = (32, 26, 28)
+CHECKS = {
+    "Body": ((176, 38, 48), (226, 98, 92)),
+    "Waist": ((36, 58, 150), (92, 122, 206)),
+    "RUpperArm": ((214, 120, 28), (246, 184, 92)),
+    "RForeArm": ((120, 44, 132), (178, 108, 190)),
+    "LUpperArm": ((236, 202, 60), (190, 148, 22)),
+    "LForeArm": ((52, 142, 190), (132, 204, 236)),
+    "RUpperLeg": ((74, 62, 128), (120, 108, 180)),
+    "RLowerLeg": ((142, 84, 56), (190, 134, 104)),
+    "LUpperLeg": ((58, 60, 72), (116, 116, 130)),
+    "LLowerLeg": ((190, 70, 120), (230, 132, 170)),
+}
+"""The two colors of each segment's close-fitting clothes, RGB before light falls on them."""
+
+ROBE = ((112, 40, 128), (158, 72, 166))
+SLEEVES = {"R": ((132, 36, 96), (184, 82, 142)), "L": ((84, 52, 150), (130, 98, 196))}
+SASH = ((196, 158, 44), (232, 204, 104))
+SHOES = ((40, 36, 40), (70, 64, 70))
+SOCKS = ((236, 232, 228), (214, 208, 206))
+
+_ADULT_M = 0.961 * 1.70  # ankle to top of the head along the bones of an adult of 1.70 m
+_ARM = ((0.0, 0.052, 0.052), (0.45, 0.047, 0.047), (1.0, 0.039, 0.039))
+_FOREARM = ((0.0, 0.040, 0.040), (0.25, 0.043, 0.041), (1.0, 0.028, 0.024))
+_HAND = ((0.0, 0.026, 0.022), (0.35, 0.041, 0.018), (0.8, 0.034, 0.013), (1.0, 0.014, 0.009))
+_THIGH = ((0.0, 0.088, 0.090), (0.4, 0.077, 0.079), (1.0, 0.053, 0.055))
+_SHANK = ((0.0, 0.053, 0.055), (0.3, 0.057, 0.058), (0.8, 0.038, 0.040), (1.0, 0.037, 0.041))
+_FOOT = (
+    *((0.0, 0.018, 0.022), (0.05, 0.031, 0.035), (0.3, 0.036, 0.045)),
+    *((0.7, 0.046, 0.030), (0.9, 0.040, 0.019), (1.0, 0.016, 0.010)),
+)
+_WAIST = ((0.0, 0.163, 0.112), (0.5, 0.155, 0.110), (1.0, 0.134, 0.096))
+_CHEST = (
+    *((0.0, 0.134, 0.096), (0.4, 0.150, 0.106), (0.7, 0.166, 0.112), (0.88, 0.170, 0.090)),
+    *((0.96, 0.110, 0.074), (1.0, 0.070, 0.062)),
+)
+_HEAD = (
+    *((0.0, 0.058, 0.058), (0.30, 0.052, 0.054), (0.38, 0.048, 0.072), (0.50, 0.066, 0.090)),
+    *((0.70, 0.078, 0.100), (0.84, 0.073, 0.092), (0.94, 0.050, 0.064), (1.0, 0.016, 0.020)),
+)
+"""Rings: share of the bone's length, half width and half depth in metres."""
+
+
+@dataclass(frozen=True)
+class BodySurface:
+    """A performer's surface, frame by frame."""
+
+    vertex: NDArray[np.float32]
+    """(time, vertex, 3), metres."""
+    triangle: NDArray[np.int32]
+    """(triangle, 3) vertices, counter-clockwise seen from outside."""
+    color: NDArray[np.uint8]
+    """(triangle, 3) RGB before light falls on it."""
+    segment: NDArray[np.uint8]
+    """(vertex,) label 1 to 11 of the segment that carries the vertex."""
+    is_cloth: NDArray[np.bool_]
+    """(vertex,) True for skirt and sleeves, which hang off the body."""
+
+
+def pose_surface(
+    joints: Mapping[str, Track], *, clothes: Literal["fitting", "kimono"] = "fitting"
+) -> BodySurface:
+    """Return the surface of a clothed performer.
+
+    Parameters
+    ----------
+    joints : mapping of (time, 3) float64
+        Metres; the 21 joints by the names of the archive, none missing.
+    clothes : str
+        "fitting": close to the body, each segment checked in two colors of its own; "kimono":
+        with a skirt, a sash, and sleeves that hang from the forearms.
+
+    Raises
+    ------
+    ValueError
+        If a joint is missing or not finite in some frame, or the clothes are unknown.
+    """
+    if clothes not in ("fitting", "kimono"):
+        raise ValueError(f"there are no clothes {clothes!r}; choose 'fitting' or 'kimono'")
+    missing = [name for name in _needed() if not np.isfinite(joints.get(name, np.nan)).all()]
+    if missing:
+        raise ValueError(
+            f"a body cannot be posed without {', '.join(missing)}; give a track whose 21 joints "
+            "are finite in every frame"
+        )
+    joints = {name: np.asarray(joints[name], np.float64) for name in _needed()}
+    axes, scale = _trunk_axes(joints), _measure(joints)
+    robed = clothes == "kimono"
+    tubes = [*_trunk(joints, axes, scale, robed), _head(joints, axes, scale)]
+    for side, outward in (("R", -1.0), ("L", 1.0)):
+        tubes += _arm(joints, axes, scale, side, outward, robed)
+        tubes += _leg(joints, axes, scale, side, robed)
+    body = join_tubes(tubes)
+    cloth = [_skirt(joints, axes, scale)] if robed else []
+    cloth += [_sleeve(joints, axes, scale, side) for side in "RL"] if robed else []
+    whole = join_tubes([*tubes, *cloth])
+    vertices = whole.vertex.shape[1]
+    return BodySurface(
+        whole.vertex.astype(np.float32),
+        whole.triangle,
+        whole.color,
+        whole.segment,
+        np.arange(vertices) >= body.vertex.shape[1],
+    )
+
+
+def _needed() -> list[str]:
+    """Return the names of the 21 joints."""
+    limbs = ("Shoulder", "Elbow", "Wrist", "Fin", "Hip", "Knee", "Ankle", "Heel", "Foot")
+    return ["Head", "Neck", "Waist", *(side + limb for side in "RL" for limb in limbs)]
+
+
+def _measure(joints: Mapping[str, Track]) -> float:
+    """Return the performer's size relative to an adult of 1.70 m."""
+
+    def length(a: Track, b: Track) -> float:
+        return float(np.median(np.linalg.norm(a - b, axis=-1)))
+
+    hips = (joints["RHip"] + joints["LHip"]) / 2.0
+    legs = [
+        length(joints[f"{side}{a}"], joints[f"{side}{b}"])
+        for side in "RL"
+        for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
+    ]
+    spine = length(joints["Head"], joints["Neck"]) + length(joints["Neck"], hips)
+    return (spine + sum(legs) / 2.0) / _ADULT_M
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Unit vectors (time, 3) of pelvis and chest."""
+
+    hips: Track
+    hip_left: Track
+    hip_front: Track
+    left: Track
+    front: Track
+    up: Track
+
+
+def _trunk_axes(joints: Mapping[str, Track]) -> _Axes:
+    """Return the frames of pelvis and chest."""
+    hips = (joints["RHip"] + joints["LHip"]) / 2.0
+    loins, up = unit(joints["Waist"] - hips), unit(joints["Neck"] - joints["Waist"])
+    hip_left = _across(joints["LHip"] - joints["RHip"], loins)
+    left = _across(joints["LShoulder"] - joints["RShoulder"], up)
+    return _Axes(hips, hip_left, np.cross(hip_left, loins), left, np.cross(left, up), up)
+
+
+def _across(vector: Track, axis: Track) -> Track:
+    """Return the direction of a vector at right angles to an axis."""
+    return unit(vector - (vector * axis).sum(axis=-1, keepdims=True) * axis)
+
+
+def _carry(front: Track, before: Track, after: Track) -> Track:
+    """Turn a direction at right angles to one bone by the shortest way to the next bone."""
+    along = (front * after).sum(axis=-1, keepdims=True)
+    bend = 1.0 + (before * after).sum(axis=-1, keepdims=True)
+    return _across(front - along / np.maximum(bend, 1e-3) * (before + after), after)
+
+
+def _trunk(joints: Mapping[str, Track], axes: _Axes, scale: float, robed: bool) -> list[Tube]:
+    """Return waist and chest."""
+    middle = joints["Waist"]
+    waist = tube_along(
+        axes.hips,
+        middle,
+        axes.hip_front,
+        shape_stations(_WAIST, 8, scale, round_start=True),
+        SEGMENTS.index("Waist") + 1,
+        ROBE if robed else CHECKS["Waist"],
+        around=28,
+    )
+    stations = shape_stations(_CHEST, 13, scale, round_end=True)
+    label, around = SEGMENTS.index("Body") + 1, 28
+    chest = tube_along(
+        middle,
+        joints["Neck"],
+        axes.front,
+        stations,
+        label,
+        ROBE if robed else CHECKS["Body"],
+        around=around,
+    )
+    if robed:
+        sash = 5 * 2 * around
+        in_sash_colors = tube_along(
+            middle, joints["Neck"], axes.front, stations, label, SASH, around=around
+        )
+        chest.color[:sash] = in_sash_colors.color[:sash]
+    return [waist, chest]
+
+
+def _head(joints: Mapping[str, Track], axes: _Axes, scale: float) -> Tube:
+    """Return neck and head: skin in front, hair behind, dark eyes."""
+    along = unit(joints["Head"] - joints["Neck"])
+    front = _carry(axes.front, axes.up, along)
+    stations = shape_stations(_HEAD, 16, scale)
+    head = tube_along(joints["Neck"], joints["Head"], front, stations, 1, (SKIN, SKIN), around=24)
+    head = replace(head, vertex=head.vertex + _nose(head, front, scale))
+    center = head.vertex[0, head.triangle].mean(axis=1) - joints["Neck"][0]
+    height = center @ along[0] / np.linalg.norm(joints["Head"][0] - joints["Neck"][0])
+    ahead, aside = center @ front[0] / scale, center @ np.cross(along, front)[0] / scale
+    face = (ahead > 0.025) & (height < 0.8)
+    head.color[(height > 0.36) & ~face] = HAIR
+    eyes = (abs(height - 0.65) < 0.03) & (ahead > 0.05) & (abs(abs(aside) - 0.032) < 0.014)
+    head.color[eyes] = HAIR
+    return head
+
+
+def _nose(head: Tube, front: Track, scale: float) -> Track:
+    """Return how far each vertex of a head is drawn out to make the nose."""
+    drawn = np.zeros(head.vertex.shape[1])
+    ring = drawn[: 16 * 24].reshape(16, 24)
+    ring[8, 6], ring[9, 6] = 0.028 * scale, 0.014 * scale
+    return drawn[:, None] * front[:, None]
+
+
+def _arm(
+    joints: Mapping[str, Track], axes: _Axes, scale: float, side: str, outward: float, robed: bool
+) -> list[Tube]:
+    """Return upper arm, forearm and hand."""
+    shoulder, elbow, wrist, tip = (
+        joints[side + name] for name in ("Shoulder", "Elbow", "Wrist", "Fin")
+    )
+    upper, lower, hand = unit(elbow - shoulder), unit(wrist - elbow), unit(tip - wrist)
+    front = _carry(axes.front, outward * axes.left, upper)
+    front_lower = _carry(front, upper, lower)
+    palm = -np.cross(_carry(front_lower, lower, hand), hand)
+    label = SEGMENTS.index(f"{side}UpperArm") + 1
+    colors = SLEEVES[side] if robed else CHECKS[f"{side}UpperArm"]
+    sleeve = SLEEVES[side] if robed else CHECKS[f"{side}ForeArm"]
+    rounded = {"round_start": True, "round_end": True}
+    arm, forearm = (shape_stations(keys, 8, scale, **rounded) for keys in (_ARM, _FOREARM))
+    return [
+        tube_along(shoulder, elbow, front, arm, label, colors, around=16),
+        tube_along(elbow, wrist, front_lower, forearm, label + 1, sleeve, around=16),
+        tube_along(wrist, tip, palm, shape_stations(_HAND, 7, scale), label + 1, (SKIN, SKIN)),
+    ]
+
+
+def _leg(
+    joints: Mapping[str, Track], axes: _Axes, scale: float, side: str, robed: bool
+) -> list[Tube]:
+    """Return upper leg, lower leg and foot; the sole goes through heel and toe."""
+    hip, knee, ankle, heel, toe = (
+        joints[side + name] for name in ("Hip", "Knee", "Ankle", "Heel", "Foot")
+    )
+    upper, lower = unit(knee - hip), unit(ankle - knee)
+    down = np.cross(axes.hip_left, axes.hip_front)
+    front = _carry(axes.hip_front, down, upper)
+    label = SEGMENTS.index(f"{side}UpperLeg") + 1
+    above = ROBE if robed else CHECKS[f"{side}UpperLeg"]
+    below = ROBE if robed else CHECKS[f"{side}LowerLeg"]
+    thigh, shank = (
+        shape_stations(keys, 11, scale, round_start=True, round_end=True)
+        for keys in (_THIGH, _SHANK)
+    )
+    return [
+        tube_along(hip, knee, front, thigh, label, above, around=18),
+        tube_along(knee, ankle, _carry(front, upper, lower), shank, label + 1, below, around=16),
+        tube_along(
+            heel,
+            toe,
+            _across(ankle - heel, unit(toe - heel)),
+            shape_stations(_FOOT, 10, scale),
+            label + 1,
+            SOCKS if robed else SHOES,
+            on_front=True,
+        ),
+    ]
+
+
+def _skirt(joints: Mapping[str, Track], axes: _Axes, scale: float) -> Tube:
+    """Return the skirt of a kimono: rings around both legs, from the waist to above the ankles.
+
+    Each point of a ring keeps its distance from the leg that is farther out in its direction,
+    so the cloth spans what is between the legs.
+    """
+    level = np.linspace(0.0, 0.94, 30)
+    legs = [
+        np.stack(
+            [
+                joints["Waist"] + outward * 0.03 * scale * axes.hip_left,
+                *(joints[side + name] for name in ("Hip", "Knee", "Ankle")),
+            ],
+            axis=1,
+        )
+        for side, outward in (("R", -1.0), ("L", 1.0))
+    ]
+    right, left = (_along_chain(leg, np.array([0.0, 0.18, 0.58, 1.0]), level) for leg in legs)
+    angle = 2.0 * np.pi * np.arange(40) / 40
+    level_left = unit(axes.hip_left * [1.0, 0.0, 1.0])
+    level_front = np.cross(level_left, [0.0, 1.0, 0.0])
+    outward = (
+        np.cos(angle)[:, None] * level_left[:, None] + np.sin(angle)[:, None] * level_front[:, None]
+    )
+    apart = np.einsum("tsk,tak->tsa", left - right, outward)
+    share_left = 1.0 / (1.0 + np.exp(-30.0 * apart / scale))
+    radius = np.interp(level, [0.0, 0.18, 0.58, 0.94], [0.125, 0.128, 0.100, 0.112])
+    folds = 1.0 + 0.05 * level[:, None] * np.cos(9.0 * angle)
+    grid = (
+        right[:, :, None]
+        + share_left[..., None] * (left - right)[:, :, None]
+        + (scale * radius[:, None] * folds)[..., None] * outward[:, None]
+    )
+    grid[..., 1] = np.maximum(grid[..., 1], 0.01 * scale)
+    label = np.where(
+        level[:, None] < 0.18,
+        SEGMENTS.index("Waist") + 1,
+        SEGMENTS.index("RUpperLeg") + 1 + 2 * (np.cos(angle) > 0.0) + (level[:, None] > 0.58),
+    )
+    return close_tube(grid[:, ::-1], label[::-1], ROBE)  # from the hem up, as rings turn
+
+
+def _along_chain(points: Track, shares: Track, level: Track) -> Track:
+    """Return (time, level, 3) points along a chain (time, point, 3) with a share a point."""
+    after = np.clip(np.searchsorted(shares, level, side="right"), 1, len(shares) - 1)
+    part = ((level - shares[after - 1]) / (shares[after] - shares[after - 1]))[:, None]
+    return (1.0 - part) * points[:, after - 1] + part * points[:, after]
+
+
+def _sleeve(joints: Mapping[str, Track], axes: _Axes, scale: float, side: str) -> Tube:
+    """Return a sleeve: a flat bag that hangs from the forearm, backward where the arm hangs."""
+    elbow, wrist = joints[f"{side}Elbow"], joints[f"{side}Wrist"]
+    arm = wrist - elbow
+    along = unit(arm)
+    fall = np.array([0.0, -1.0, 0.0]) + 0.7 * along[:, [1]] * along - 0.3 * axes.front
+    fall = unit(fall)
+    thick = unit(np.cross(along, fall))
+    down = np.linspace(-0.05, 0.46, 18)
+    half = np.interp(down, [-0.05, -0.02, 0.4, 0.46], [0.30, 0.56, 0.60, 0.52])
+    deep = np.interp(down, [-0.05, 0.0, 0.08, 0.46], [0.02, 0.058, 0.03, 0.018])
+    angle = 2.0 * np.pi * np.arange(36) / 36
+    across, aside = (np.sign(x) * abs(x) ** 0.5 for x in (np.cos(angle), np.sin(angle)))
+    middle = elbow + 0.36 * arm
+    grid = (
+        middle[:, None, None]
+        + scale * down[:, None, None] * fall[:, None, None]
+        + (half[:, None] * across)[..., None] * arm[:, None, None]
+        + scale * (deep[:, None] * aside)[..., None] * thick[:, None, None]
+    )
+    grid[..., 1] = np.maximum(grid[..., 1], 0.01 * scale)
+    label = np.full(grid.shape[1:3], SEGMENTS.index(f"{side}ForeArm") + 1)
+    return close_tube(grid, label, SLEEVES[side])

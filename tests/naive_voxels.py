@@ -110,3 +110,58 @@ def carve(silhouettes, cameras, grid, misses_allowed, min_cameras):
         votes[seen] += 1
         misses[seen] += ~silhouette[row, column]
     return ((votes >= min_cameras) & (misses <= misses_allowed)).reshape(shape)
+
+
+def outward(occupied, voxel):
+    """Return the unit vector from what is occupied within two voxels to what is empty."""
+    total = np.zeros(3)
+    for step in np.ndindex(5, 5, 5):
+        there = voxel + np.array(step) - 2
+        inside = (there >= 0).all() and (there < occupied.shape).all()
+        if not inside or not occupied[tuple(there)]:
+            total += np.array(step) - 2
+    return total / max(np.linalg.norm(total), 1.0)
+
+
+def meets(boxes, start, end):
+    """Return whether a segment passes through the inside of any unit cube around (box, 3)."""
+    way = end - start
+    with np.errstate(all="ignore"):
+        a, b = (boxes - 0.5 - start) / way, (boxes + 0.5 - start) / way
+    first = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
+    last = np.minimum(np.maximum(a, b).min(axis=1), 1.0)
+    return bool((first < last).any())
+
+
+def color(occupied, grid, images, silhouettes, cameras, lift):
+    """Return index, color and camera of each surface voxel, one after another."""
+    origin, size, _ = grid
+    index = np.argwhere(surface(occupied))
+    everything = np.argwhere(occupied)
+    color, chosen = np.zeros((len(index), 3), np.uint8), np.full(len(index), 255)
+    filmed = [project(np.asarray(origin) + index * size, camera) for camera in cameras]
+    for n, voxel in enumerate(index):
+        normal = outward(occupied, voxel)
+        start = voxel + lift * normal
+        others = everything[(everything != voxel).any(axis=1)]
+        front, back = [], []
+        for c, camera in enumerate(cameras):
+            u, v, _, seen = (numbers[n] for numbers in filmed[c])
+            if not seen:
+                continue
+            row, column = math.floor(v + 0.5), math.floor(u + 0.5)
+            turned, moved = camera["pose"][:, :3], camera["pose"][:, 3]
+            eye = (-turned.T @ moved - origin) / size
+            if silhouettes[c, row, column] and not meets(others, start, eye):
+                side = front if (eye - start) @ normal >= 0 else back
+                side.append((c, images[c, row, column].astype(int)))
+        candidates = front or back
+        if candidates:
+            mean = np.mean([pixel for _, pixel in candidates], axis=0)
+            far = [round(((pixel - mean) ** 2).sum(), 6) for _, pixel in candidates]
+            chosen[n], color[n] = candidates[int(np.argmin(far))]
+    for n in np.flatnonzero(chosen == 255):
+        if (chosen < 255).any():
+            far = ((index[chosen < 255] - index[n]) ** 2).sum(axis=1)
+            color[n] = color[chosen < 255][np.argmin(far)]
+    return index, color, chosen

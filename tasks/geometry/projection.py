@@ -15,6 +15,7 @@ that the lens cannot see back into the image.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,7 @@ def _faults(projection: Projection, distortion: NDArray[np.float64]) -> list[str
     return faults
 
 
+@lru_cache(maxsize=8)
 def one_to_one_radius(projection: Projection) -> NDArray[np.float64]:
     """Return (camera,) the radius before bending up to which a lens is one to one.
 
@@ -118,7 +120,14 @@ def one_to_one_radius(projection: Projection) -> NDArray[np.float64]:
         roots = np.concatenate([slope.roots, below.roots]).astype(np.complex128)
         real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
         radius[c] = np.sqrt(min([_WIDEST**2, *real]))
+    radius.flags.writeable = False
     return radius
+
+
+def camera_centers(projection: Projection) -> NDArray[np.float64]:
+    """Return (camera, 3) where the cameras stand in the world, m."""
+    pose = projection.camera_from_world
+    return np.linalg.solve(pose[:, :, :3], -pose[:, :, 3:])[:, :, 0].astype(np.float64)
 
 
 def project_points(

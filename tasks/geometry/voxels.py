@@ -247,16 +247,18 @@ def voxel_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
     return np.stack([x, y, z], axis=1).astype(np.int32)
 
 
-def padded_crop(runs: VoxelRuns, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+def padded_crop(
+    runs: VoxelRuns, frame: int, *, margin: int = 1
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Return the dense box around a frame's voxels, and where it begins.
 
     Returns
     -------
     crop : (x, y, z) uint8
-        1 where occupied. The box has one empty layer of voxels on each side, which may lie
-        outside the grid: what lies outside counts as empty.
+        1 where occupied. The box has `margin` empty layers of voxels on each side, which may
+        lie outside the grid: what lies outside counts as empty.
     begin : (3,) int64
-        Index in the grid of the crop's voxel (0, 0, 0); -1 is one voxel outside.
+        Index in the grid of the crop's voxel (0, 0, 0), negative outside the grid.
 
     Raises
     ------
@@ -266,11 +268,11 @@ def padded_crop(runs: VoxelRuns, frame: int) -> tuple[NDArray[np.uint8], NDArray
     one = take_frame(runs, frame)
     _, ny, nz = runs.shape
     if not len(one.start):
-        return np.zeros((2, 2, 2), np.uint8), np.full(3, -1, np.int64)
+        return np.zeros((2 * margin,) * 3, np.uint8), np.full(3, -margin, np.int64)
     column, z = np.divmod(one.start.astype(np.int64), nz)
     x, y = np.divmod(column, ny)
-    begin = np.array([x[0], y.min(), z.min()]) - 1
-    end = np.array([x[-1], y.max(), (z + one.length).max() - 1]) + 2
+    begin = np.array([x[0], y.min(), z.min()]) - margin
+    end = np.array([x[-1], y.max(), (z + one.length).max() - 1]) + 1 + margin
     crop = np.zeros(end - begin, np.uint8)
     _paint(one.start, one.length, (ny, nz), begin, crop)
     return crop, begin

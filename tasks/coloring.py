@@ -1,0 +1,322 @@
+"""Color the surface of a visual hull from the images (digitization paper, section 2.3).
+
+The cameras that see a surface voxel each have a candidate color for it, the pixel in which it
+is filmed; the voxel takes the candidate nearest to the mean of its candidates.
+
+A camera sees a voxel when it films it inside its silhouette and the straight line from the
+camera to a point above the voxel, along the outward normal, is not blocked by a voxel (a walk
+through the grid; Amanatides and Woo 1987). Cameras behind the surface count only where none
+in front sees the voxel: at its horizon, and on the edges of cloth. The paper says "observed in
+the image" only. From the voxel's own center the line would graze its neighbors, for a hull's
+surface is where lines of sight touch it: a fixed tolerance in depth leaves 13 % of a dancer
+without color, and the walk from the center just as many; from two voxels above it 1 %. The
+normal points from what is occupied within two voxels to what is empty; where that is
+symmetric, as on thin cloth, there is none, and every camera is in front.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tasks.geometry.projection import Projection, camera_centers, project_points
+from tasks.geometry.voxels import (
+    VoxelGrid,
+    VoxelRuns,
+    padded_crop,
+    surface_voxels,
+    voxel_centers,
+    voxel_index,
+)
+
+NO_CAMERA = 255
+"""The camera of a voxel that no camera sees."""
+
+_REACH = 2  # voxels around a voxel that its normal is taken from
+
+
+@dataclass(frozen=True)
+class ColoringSettings:
+    """Everything that changes a color, and nothing that does not.
+
+    Raises
+    ------
+    ValueError
+        If the lift is not a finite number from 0.
+    """
+
+    lift_voxels: float = 2.0
+    """How far above a voxel the lines to the cameras begin. On generated dancers 0,
+    1, 1.5 and 2 leave 14, 4.7, 2.2 and 0.7 % without color, 79, 90, 92 and 94 % have the right
+    part's color of their own, and more than 2 adds nothing."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lift_voxels) and self.lift_voxels >= 0):
+            raise ValueError(f"lift_voxels {self.lift_voxels} must be a finite number from 0")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceColors:
+    """The colors of a frame's surface voxels, in the order of the voxels."""
+
+    index: NDArray[np.int32]
+    """(surface voxel, 3) index in the grid."""
+
+    color: NDArray[np.uint8]
+    """(surface voxel, 3) RGB."""
+
+    camera: NDArray[np.uint8]
+    """(surface voxel,) the camera whose candidate was taken; 255 where no camera sees it, and
+    the color is the nearest colored voxel's (black where there is none)."""
+
+
+def color_surface(
+    hull: VoxelRuns,
+    grid: VoxelGrid,
+    images: NDArray[np.uint8],
+    silhouettes: NDArray[np.bool_],
+    projection: Projection,
+    settings: ColoringSettings,
+) -> SurfaceColors:
+    """Return the colors of the surface of one frame's hull.
+
+    Of equally near candidates the first camera's is taken; of equally near colored voxels the
+    first in order. Frames can be colored side by side in threads; one frame uses one.
+
+    Parameters
+    ----------
+    hull
+        One frame on the grid.
+    grid
+        What was carved.
+    images : (camera, row, column, 3) uint8
+        RGB, as filmed.
+    silhouettes : (camera, row, column) bool
+        As carved. A camera that films a voxel outside its silhouette has no candidate for it.
+    projection
+        The cameras, in the same order.
+    settings
+        How visibility is decided.
+
+    Raises
+    ------
+    ValueError
+        If the hull is not one frame on this grid, images and silhouettes are not of these
+        cameras, or there are more than 255 cameras.
+    """
+    _check(hull, grid, images, silhouettes, projection)
+    index = voxel_index(hull, 0)[surface_voxels(hull, 0)]
+    crop, begin = padded_crop(hull, 0, margin=_REACH)
+    place = index - begin
+    filmed, _ = project_points(voxel_centers(grid, index), projection)
+    pixel = np.empty(filmed.shape, np.int32)
+    _find_pixels(filmed, silhouettes, pixel)
+    normal = np.empty((len(index), 3))
+    _find_normals(crop, place, normal)
+    start = place + settings.lift_voxels * normal
+    cameras = (camera_centers(projection) - grid.origin_m) / grid.voxel_m - begin
+    _hide(crop, (place, start, normal), cameras, pixel)
+    color = np.zeros((len(index), 3), np.uint8)
+    camera = np.full(len(index), NO_CAMERA, np.uint8)
+    _choose(np.ascontiguousarray(images), pixel, color, camera)
+    seen = camera != NO_CAMERA
+    if seen.any() and not seen.all():
+        crop[tuple(place[seen].T)] = 2
+        nearest = np.empty((len(index) - int(seen.sum()), 3), np.int64)
+        _find_nearest(crop, place[~seen], nearest)
+        number = np.ravel_multi_index(tuple(place.T), crop.shape)
+        found = np.searchsorted(number, np.ravel_multi_index(tuple(nearest.T), crop.shape))
+        color[~seen] = color[found]
+    return SurfaceColors(index, color, camera)
+
+
+def _check(
+    hull: VoxelRuns,
+    grid: VoxelGrid,
+    images: NDArray[np.uint8],
+    silhouettes: NDArray[np.bool_],
+    projection: Projection,
+) -> None:
+    """Refuse what does not fit together, every fault at once."""
+    faults = []
+    count = projection.cameras
+    if hull.frames != 1 or hull.shape != grid.shape:
+        faults.append(
+            f"the hull has {hull.frames} frames on a grid of shape {hull.shape}, wanted is one "
+            f"on {grid.shape}"
+        )
+    if count >= NO_CAMERA:
+        faults.append(f"there are {count} cameras, wanted are fewer than {NO_CAMERA}")
+    columns, rows = projection.image_size.max(axis=0)
+    wanted = f"({count}, {rows} or more, {columns} or more"
+    for name, array, kind, rest in (
+        ("images", images, np.uint8, (3,)),
+        ("silhouettes", silhouettes, np.bool_, ()),
+    ):
+        fits = array.ndim == 3 + len(rest) and array.shape[0] == count
+        fits = fits and array.shape[1] >= rows and array.shape[2] >= columns
+        if not fits or array.shape[3:] != rest or array.dtype != kind:
+            last = ", 3)" if rest else ")"
+            faults.append(
+                f"{name} are {array.dtype} of shape {array.shape}, wanted is {wanted}{last} "
+                f"{np.dtype(kind)}"
+            )
+    if faults:
+        raise ValueError(f"this frame cannot be colored: {'; '.join(faults)}")
+
+
+@njit(cache=True, nogil=True)
+def _find_pixels(filmed: Any, silhouettes: Any, pixel: Any) -> None:
+    """Write row and column of where each voxel is filmed, or -1 outside the silhouette."""
+    for c in range(len(filmed)):
+        for n in range(filmed.shape[1]):
+            pixel[c, n, 0] = pixel[c, n, 1] = -1
+            if filmed[c, n, 0] == filmed[c, n, 0]:  # not NaN: seen
+                row, column = (
+                    int(np.floor(filmed[c, n, 1] + 0.5)),
+                    int(np.floor(filmed[c, n, 0] + 0.5)),
+                )
+                if silhouettes[c, row, column]:
+                    pixel[c, n, 0], pixel[c, n, 1] = row, column
+
+
+@njit(cache=True, nogil=True)
+def _find_normals(crop: Any, place: Any, normal: Any) -> None:
+    """Write the outward unit normal of each voxel; 0 where what is around is symmetric."""
+    for n in range(len(place)):
+        x, y, z = place[n, 0], place[n, 1], place[n, 2]
+        a = b = c = 0
+        for i in range(-_REACH, _REACH + 1):
+            for j in range(-_REACH, _REACH + 1):
+                for k in range(-_REACH, _REACH + 1):
+                    empty = 1 - np.int64(crop[x + i, y + j, z + k])
+                    a, b, c = a + i * empty, b + j * empty, c + k * empty
+        length = max(np.sqrt(a * a + b * b + c * c), 1.0)
+        normal[n, 0], normal[n, 1], normal[n, 2] = a / length, b / length, c / length
+
+
+@njit(cache=True, nogil=True)
+def _hide(crop: Any, surface: Any, cameras: Any, pixel: Any) -> None:
+    """Write -1 for the pixels of the cameras that do not see a voxel."""
+    place, start, normal = surface
+    grid = (crop.ravel(), crop.shape)
+    for n in range(len(place)):
+        x, y, z = start[n, 0], start[n, 1], start[n, 2]
+        own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
+        seen = False
+        for from_front in (True, False):
+            for c in range(len(cameras)):
+                if pixel[c, n, 0] < 0:
+                    continue
+                dx, dy, dz = cameras[c, 0] - x, cameras[c, 1] - y, cameras[c, 2] - z
+                facing = dx * normal[n, 0] + dy * normal[n, 1] + dz * normal[n, 2]
+                if (facing >= 0) != from_front:
+                    continue
+                if (seen and not from_front) or _blocked(grid, (x, y, z), (dx, dy, dz), own):
+                    pixel[c, n, 0] = -1
+                elif from_front:
+                    seen = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blocked(grid: Any, start: Any, way: Any, own: Any) -> Any:
+    """Return whether a line meets an occupied voxel of a grid, other than its own."""
+    occupied, (nx, ny, nz) = grid
+    x, y, z = start
+    dx, dy, dz = way
+    i, j, k = int(np.floor(x + 0.5)), int(np.floor(y + 0.5)), int(np.floor(z + 0.5))
+    if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+        return False
+    at = (i * ny + j) * nz + k
+    step_x, far_x, tx, end_x = _steps(x, dx, i, nx)
+    step_y, far_y, ty, end_y = _steps(y, dy, j, ny)
+    step_z, far_z, tz, end_z = _steps(z, dz, k, nz)
+    step_x, step_y = step_x * ny * nz, step_y * nz
+    end = min(min(end_x, end_y), min(end_z, 1.0)) * (
+        1 - 1e-9
+    )  # rounding never walks out of the grid
+    while not occupied[at] or at == own:
+        if tx < ty and tx < tz:
+            if tx >= end:
+                return False
+            at, tx = at + step_x, tx + far_x
+        elif ty < tz:
+            if ty >= end:
+                return False
+            at, ty = at + step_y, ty + far_y
+        else:
+            if tz >= end:
+                return False
+            at, tz = at + step_z, tz + far_z
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _steps(x: Any, dx: Any, i: Any, count: Any) -> Any:
+    """Return a line's direction along an axis, its share from plane to plane, to the first, out."""
+    if dx == 0:
+        return 1, np.inf, np.inf, np.inf
+    share = 1 / dx
+    if dx > 0:
+        return 1, share, (i + 0.5 - x) * share, (count - 0.5 - x) * share
+    return -1, -share, (i - 0.5 - x) * share, (-0.5 - x) * share
+
+
+@njit(cache=True, nogil=True)
+def _choose(images: Any, pixel: Any, color: Any, camera: Any) -> None:
+    """Write the candidate nearest to the mean of the candidates, and its camera."""
+    for n in range(len(color)):
+        count = red = green = blue = 0
+        for c in range(len(pixel)):
+            row, column = pixel[c, n, 0], pixel[c, n, 1]
+            if row >= 0:
+                count += 1
+                red += np.int64(images[c, row, column, 0])
+                green += np.int64(images[c, row, column, 1])
+                blue += np.int64(images[c, row, column, 2])
+        least = -1
+        for c in range(len(pixel)):
+            row, column = pixel[c, n, 0], pixel[c, n, 1]
+            if row >= 0:
+                r = count * np.int64(images[c, row, column, 0]) - red
+                g = count * np.int64(images[c, row, column, 1]) - green
+                b = count * np.int64(images[c, row, column, 2]) - blue
+                distance = r * r + g * g + b * b
+                if least < 0 or distance < least:
+                    least = distance
+                    camera[n] = c
+        if count:
+            c = camera[n]
+            for k in range(3):
+                color[n, k] = images[c, pixel[c, n, 0], pixel[c, n, 1], k]
+
+
+@njit(cache=True, nogil=True)
+def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
+    """Write the place of the colored voxel (2 in the crop) nearest to each, shell by shell."""
+    for n in range(len(place)):
+        x, y, z = place[n, 0], place[n, 1], place[n, 2]
+        least, reach = -1, 1
+        while least < 0 or reach * reach <= least:
+            for i in range(max(x - reach, 0), min(x + reach, crop.shape[0] - 1) + 1):
+                for j in range(max(y - reach, 0), min(y + reach, crop.shape[1] - 1) + 1):
+                    shell = abs(i - x) == reach or abs(j - y) == reach
+                    step = 1 if shell else 2 * reach
+                    for k in range(z - reach, z + reach + 1, step):
+                        if not 0 <= k < crop.shape[2] or crop[i, j, k] != 2:
+                            continue
+                        distance = (i - x) ** 2 + (j - y) ** 2 + (k - z) ** 2
+                        if (
+                            least < 0
+                            or distance < least
+                            or (
+                                distance == least
+                                and (i, j, k) < (nearest[n, 0], nearest[n, 1], nearest[n, 2])
+                            )
+                        ):
+                            least = distance
+                            nearest[n, 0], nearest[n, 1], nearest[n, 2] = i, j, k
+            reach += 1

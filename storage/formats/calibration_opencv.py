@@ -124,8 +124,7 @@ def cameras_in(entries: dict[str, Any], stem: str) -> dict[str, Fields]:
 def _names(entries: dict[str, Any]) -> list[str]:
     """Return the cameras that the file lists, as it spells them."""
     names = entries.get("names", [])
-    names = names if isinstance(names, list) else [names]
-    return [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
+    return [str(name) for name in (names if isinstance(names, list) else [names])]
 
 
 def _fields(entries: Iterable[tuple[str, Any]]) -> Fields:

@@ -119,6 +119,8 @@ def parse_xml(path: Path, text: str, wanted: str) -> ElementTree.Element:
 
 def as_shown(value: Any) -> str:
     """Return a value in few enough letters for a message."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     shown = repr(value)
     return shown if len(shown) <= 60 else f"{shown[:60]}..."
 

@@ -88,11 +88,12 @@ def _table(lines: list[tuple[int, str]], faults: list[str], depth: int) -> dict[
 
 def _value(key: str, word: str, below: list[tuple[int, str]], faults: list[str], depth: int) -> Any:
     """Return what stands behind a key and below it."""
+    text = key == "names"  # whose leading zeros count
     if word.startswith("!!"):
         word = word.partition(" ")[2].strip()
     if below and not word:
         if all(line.startswith("- ") for _, line in below):
-            return [_scalar(line[2:].strip()) for _, line in below]
+            return [_scalar(line[2:].strip(), text=text) for _, line in below]
         table = _table(below, faults, depth + 1)
         return _matrix(key, table, faults) if _is_matrix(table) else table
     if below:
@@ -100,17 +101,17 @@ def _value(key: str, word: str, below: list[tuple[int, str]], faults: list[str],
     if word.startswith("["):
         inside = word[1:].partition("]")[0]
         words = [part.strip() for part in inside.split(",") if part.strip()]
-        return [_scalar(part) for part in words]
+        return [_scalar(part, text=text) for part in words]
     return _scalar(word)
 
 
-def _scalar(word: str) -> float | str:
+def _scalar(word: str, *, text: bool = False) -> float | str:
     """Return a number, or the text of a word; what is quoted is a text."""
     if len(word) > 1 and word[0] in "\"'" and word[-1] == word[0]:
         return word[1:-1]
     word = word.partition(" #")[0].strip()
-    value = number({".inf": "inf", "-.inf": "-inf", ".nan": "nan"}.get(word.lower(), word))
-    return word if np.isnan(value) and "nan" not in word.lower() else value
+    value = number(word)
+    return word if text or math.isnan(value) else value
 
 
 def _is_matrix(table: dict[str, Any]) -> bool:

@@ -59,7 +59,7 @@ def write_pose2sim(folder, cameras, *, scale=1.0, metadata="adjusted = false\ner
     return path
 
 
-def write_easymocap(folder, cameras, *, scale=1.0, layout="both", with_size=True):
+def write_easymocap(folder, cameras, *, scale=1.0, layout="both", with_size=True, digits=17):
     """`layout`: both rotations, the vector under Rot_, only the vector, or only the matrix."""
     inner, outer = ("%YAML:1.0\n---\nnames:\n" for _ in range(2))
     listed = "".join(f'  - "{camera.name}"\n' for camera in cameras)
@@ -74,7 +74,7 @@ def write_easymocap(folder, cameras, *, scale=1.0, layout="both", with_size=True
         if layout in ("both", "vector"):
             outer += matrix_yaml(f"R_{camera.name}", turn)
         if layout in ("both", "matrix"):
-            outer += matrix_yaml(f"Rot_{camera.name}", camera.rotation)
+            outer += matrix_yaml(f"Rot_{camera.name}", camera.rotation.round(digits))
         if layout == "vector under Rot_":
             outer += matrix_yaml(f"Rot_{camera.name}", turn)
         outer += matrix_yaml(f"T_{camera.name}", camera.translation[:, None] * scale)
@@ -169,7 +169,7 @@ def write_panoptic(folder, cameras):
 
 
 def write_colmap(folder, cameras, *, model="OPENCV"):
-    """The first pixel's center at (.5, .5); a line of points, here empty, behind each image."""
+    """The first pixel's center at (.5, .5); a line of points behind each image."""
     lenses = "# Camera list with one line of data per camera:\n"
     images = "# Image list with two lines of data per image:\n"
     for number, camera in enumerate(cameras, start=4):
@@ -183,7 +183,8 @@ def write_colmap(folder, cameras, *, model="OPENCV"):
         angle = np.linalg.norm(turn)
         quaternion = [math.cos(angle / 2), *(turn / angle * math.sin(angle / 2))]
         pose = " ".join(repr(float(value)) for value in (*quaternion, *camera.translation))
-        images += f"{number + 10} {pose} {number} {camera.name}.png\n\n"
+        points = "" if number == 5 else "10.5 20.5 -1 30.25 40.5 7"
+        images += f"{number + 10} {pose} {number} {camera.name}.png\n{points}\n"
     (folder / "cameras.txt").write_text(lenses)
     (folder / "images.txt").write_text(images)
     return folder / "images.txt"

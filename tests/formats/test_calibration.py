@@ -136,6 +136,34 @@ def test_a_key_belongs_to_the_camera_behind_its_last_known_name():
     }
 
 
+def test_of_two_usual_names_the_more_usual_counts():
+    entries = {"D_1": 1.0, "dist_1": 2.0, "K_1": 3.0, "intrinsic_1": 4.0}
+    assert cameras_in(entries, "x") == {"1": {"distortion": 2.0, "intrinsics": 3.0}}
+
+
+@pytest.mark.parametrize("line", ["names:\n- 01\n- 2\n- side\n", 'names: [01, "2", side]\n'])
+def test_easymocap_names_without_quotes_keep_their_zeros(tmp_path, line):
+    path = files.write_easymocap(tmp_path, rig())
+    for file in (path, path.with_name("intri.yml")):
+        head, _, rest = file.read_text().partition('names:\n  - "01"\n  - "2"\n  - "side"\n')
+        file.write_text(head + line + rest)
+    assert_same(read_calibration(path)[0], rig())
+
+
+def test_easymocap_matrices_of_cameras_that_are_not_listed_are_left_out(tmp_path):
+    path = files.write_easymocap(tmp_path, rig())
+    for file in (path, path.with_name("intri.yml")):
+        file.write_text(file.read_text().replace('  - "2"\n', ""))
+    assert_same(read_calibration(path)[0], [rig()[0], rig()[2]])
+
+
+def test_rotations_of_three_digits_are_taken_for_the_nearest_rotation(tmp_path):
+    path = files.write_easymocap(tmp_path, rig(), layout="matrix", digits=3)
+    for camera, exact in zip(read_calibration(path)[0], rig(), strict=True):
+        np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(camera.rotation, exact.rotation, atol=2e-3)
+
+
 def test_qualisys_cameras_that_see_only_markers_are_left_out_with_a_word(tmp_path):
     _, notes = read_calibration(files.write_qualisys(tmp_path, rig()))
     assert "1 of the 4 cameras see only markers: left out." in notes

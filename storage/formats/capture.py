@@ -1,0 +1,340 @@
+"""Read a capture: the folder with the calibration, videos and backgrounds of a take (DESIGN, 3).
+
+Before anything is computed, all of it is checked against each other: every camera has a video and
+a background, image sizes agree, frame counts agree, and the cameras look at the volume.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from storage.errors import InputError
+from storage.formats.calibration import load_calibration, place_cameras
+from storage.formats.camera import Camera
+from storage.formats.capture_toml import MARK, Volume, read_capture_toml
+from storage.formats.footage import Footage, look_at_footage
+from storage.formats.reading import listed
+from storage.formats.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
+
+COUNT_TOLERANCE_S = 0.1
+"""Videos whose lengths differ by at most so much are cut to the shortest; others are refused."""
+
+RATE_TOLERANCE = 0.01
+"""Relative difference of frame rates that is taken for rounding (30 and 29.97)."""
+
+_PAIRS = ("intri.yml", "extri.yml", "cameras.txt", "images.txt")
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A capture that passed every check; the tuples are in the order of the cameras."""
+
+    folder: Path
+    take: str
+    """The name that its take is to have."""
+    metadata: dict[str, Any]
+    """The table [take], without id and stature_m."""
+    stature_m: float | None
+    volume: Volume
+    fps: float
+    cameras: tuple[Camera, ...]
+    """Metres, y up, every image size known."""
+    videos: tuple[Path, ...]
+    """A video file, or a folder of images."""
+    backgrounds: tuple[Path, ...]
+    """A picture, or a video."""
+    frames: int
+    """Of the shortest video, as its header says."""
+    calibration: Path
+    initial: Path | None
+    """`initial.json`, where there is one."""
+    seen_share: tuple[float, ...]
+    """Share of the volume, 0 to 1, that each camera films."""
+    notes: tuple[str, ...] = ()
+    """What had to be assumed, a sentence each."""
+
+
+def read_capture(folder: Path) -> Capture:
+    """Read and check a capture.
+
+    Parameters
+    ----------
+    folder : Path
+        With capture.toml, a calibration, `videos` and `background`.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong, a line each.
+    """
+    folder = Path(folder)
+    faults: list[str] = []
+    notes: list[str] = []
+    said = read_capture_toml(folder, faults, notes)
+    volume = said.volume
+    path = _find_calibration(folder, faults)
+    cameras, unit_m = _cameras(path, said.up, said.unit_m, volume, faults, notes)
+    videos = _match("video", folder / "videos", cameras, faults, notes)
+    backgrounds = _match("background", folder / "background", cameras, faults, notes)
+    cameras = [_sized(camera, videos, faults, notes) for camera in cameras]
+    faults += _size_faults(cameras, videos, backgrounds)
+    fps = _rate(said.fps, videos, faults, notes)
+    frames = _count(videos, fps, faults, notes)
+    shares = _views(cameras, volume, unit_m, faults, notes)
+    if faults or volume is None or path is None or fps is None:
+        raise InputError("\n".join([f"{folder} cannot be used as a capture:", *_dashed(faults)]))
+    initial = folder / "initial.json"
+    return Capture(
+        folder, said.take, said.metadata, said.stature_m, volume, fps, tuple(cameras),
+        tuple(videos[camera.name].path for camera in cameras),
+        tuple(backgrounds[camera.name].path for camera in cameras),
+        frames, path, initial if initial.is_file() else None, tuple(shares), tuple(notes),
+    )  # fmt: skip
+
+
+def _dashed(faults: Sequence[str]) -> list[str]:
+    return [f"- {' '.join(fault.split())}" for fault in faults]
+
+
+def _find_calibration(folder: Path, faults: list[str]) -> Path | None:
+    """Return the file or folder of the calibration."""
+    found = sorted(folder.glob("calibration.*")) + sorted(folder.glob("*.qca.txt"))
+    if (folder / "calibration").is_dir():
+        found.append(folder / "calibration")
+    if any((folder / name).is_file() for name in _PAIRS):
+        found.append(next(folder / name for name in _PAIRS if (folder / name).is_file()))
+    found = list(dict.fromkeys(found))
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = listed([path.name for path in found])
+        faults.append(f"there is more than one calibration: {names}; keep one")
+    else:
+        faults.append(
+            "there is no calibration: put it there as calibration.toml (or .yml, .xml, .json, "
+            ".qca.txt), intri.yml and extri.yml, cameras.txt and images.txt, or the folder "
+            "`calibration`"
+        )
+    return None
+
+
+def _cameras(
+    path: Path | None,
+    up: str | None,
+    unit_m: float | None,
+    volume: Volume | None,
+    faults: list[str],
+    notes: list[str],
+) -> tuple[list[Camera], float]:
+    """Return the cameras and the unit that they were read in; none where they cannot be read."""
+    if path is None:
+        return [], 1.0
+    center_m = None if volume is None else volume.center_m
+    distance = {} if volume is None else {"distance_m": volume.diagonal_m}
+    try:
+        found = load_calibration(path)
+        cameras, unit_m, said = place_cameras(
+            path, found, up=up, unit_m=unit_m, center_m=center_m, **distance
+        )
+    except InputError as error:
+        faults.append(str(error))
+        return [], 1.0
+    notes += said
+    return cameras, unit_m
+
+
+def _match(
+    what: str, folder: Path, cameras: Sequence[Camera], faults: list[str], notes: list[str]
+) -> dict[str, Footage]:
+    """Return the file of each camera, by name, and say which are missing, double or unreadable."""
+    if not folder.is_dir():
+        faults.append(f"there is no folder `{folder.name}` with a {what} a camera")
+        return {}
+    files: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        is_video = path.suffix.lower() in VIDEO_SUFFIXES
+        is_picture = path.suffix.lower() in PICTURE_SUFFIXES and what == "background"
+        if path.is_dir() and what == "video":
+            files.setdefault(path.name, []).append(path)
+        elif (is_video or is_picture) and not path.name.startswith("."):
+            files.setdefault(path.stem, []).append(path)
+    names = [camera.name for camera in cameras]
+    missing = [name for name in names if name not in files]
+    others = [name for name in files if name not in names]
+    if missing:
+        rest = f"; {listed(others)} belongs to no camera of the calibration" if others else ""
+        faults.append(
+            f"camera {listed(missing)} has no {what} in `{folder.name}`{rest}: name each file as "
+            "its camera is called in the calibration"
+        )
+    elif others and cameras:
+        notes.append(f"The {what} of {listed(others)} has no calibration: left out.")
+    found = _look(what, files, names, faults)
+    for name, footage in found.items():
+        notes += [f"The {what} of {name!r}: {note}" for note in footage.notes]
+    return found
+
+
+def _look(
+    what: str, files: dict[str, list[Path]], names: Sequence[str], faults: list[str]
+) -> dict[str, Footage]:
+    """Look into the file of each camera that has one."""
+    found = {}
+    for name in names:
+        paths = files.get(name, [])
+        if len(paths) > 1:
+            faults.append(
+                f"camera {name!r} has more than one {what}: "
+                f"{listed([path.name for path in paths])}; keep one"
+            )
+        elif paths:
+            try:
+                found[name] = look_at_footage(paths[0])
+            except InputError as error:
+                faults.append(f"camera {name!r}: {error}")
+            except OSError as error:
+                faults.append(f"camera {name!r}: {paths[0]} cannot be read ({error.strerror})")
+    return found
+
+
+def _sized(
+    camera: Camera, videos: dict[str, Footage], faults: list[str], notes: list[str]
+) -> Camera:
+    """Return the camera with an image size: the video's, where the calibration does not say."""
+    if camera.size is not None or camera.name not in videos:
+        return camera
+    size = videos[camera.name].size
+    note = "The calibration does not say image sizes: those of the videos were taken."
+    if note not in notes:
+        notes.append(note)
+    column, row = camera.intrinsics[:2, 2]
+    if not (0 < column < size[0] and 0 < row < size[1]):
+        faults.append(
+            f"camera {camera.name!r}: its video is {_by(size)}, but the calibration has the middle "
+            f"of the image at {column:.0f}, {row:.0f}: it was made for another image size, or the "
+            "video is turned"
+        )
+    return replace(camera, size=size)
+
+
+def _size_faults(
+    cameras: Sequence[Camera], videos: dict[str, Footage], backgrounds: dict[str, Footage]
+) -> list[str]:
+    """Return which image sizes disagree."""
+    faults = []
+    for camera in cameras:
+        video, background = videos.get(camera.name), backgrounds.get(camera.name)
+        if video and camera.size and video.size != camera.size:
+            why = _why_unequal(video, camera.size)
+            faults.append(
+                f"camera {camera.name!r}: its video is {_by(video.size)}, its calibration was made "
+                f"for {_by(camera.size)}: {why}"
+            )
+        agreed = background is None or background.size in (video and video.size, camera.size)
+        if video and background and not agreed:
+            faults.append(
+                f"camera {camera.name!r}: its background is {_by(background.size)}, its video "
+                f"{_by(video.size)}; film the background with the same settings"
+            )
+    return faults
+
+
+def _why_unequal(video: Footage, wanted: tuple[int, int]) -> str:
+    """Return what probably happened to an image of another size."""
+    (width, height), (columns, rows) = video.size, wanted
+    if (width, height) == (rows, columns):
+        how = "".join(f" ({note})" for note in video.notes)
+        return f"the video is turned (portrait){how}; turn it back, or calibrate the turned image"
+    if abs(width / columns - height / rows) * max(columns, rows) <= 1.0:
+        return (
+            f"the video is scaled by {width / columns:.3g}; scale the calibration with it, or "
+            "bring the video as it was filmed"
+        )
+    return "of another shape, so one of them was cut; bring both for the same image"
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+def _rate(
+    fps: float | None, videos: dict[str, Footage], faults: list[str], notes: list[str]
+) -> float | None:
+    """Return the frame rate, and say where the videos disagree."""
+    rates = {name: video.rate_hz for name, video in videos.items() if video.rate_hz}
+    if rates:
+        usual = float(np.median(list(rates.values())))
+        odd = {name: rate for name, rate in rates.items() if not _close(rate, usual)}
+        if odd:
+            said = ", ".join(f"{name!r} at {rate:g}" for name, rate in odd.items())
+            faults.append(
+                f"the videos were not filmed at one rate: {said}, the others at {usual:g} frames "
+                "a second; convert them to one"
+            )
+        elif fps is None:
+            notes.append(f"{MARK} has no fps: the videos' {usual:g} was taken.")
+            return usual
+        elif not _close(fps, usual):
+            notes.append(
+                f"The videos say {usual:g} frames a second and {MARK} {fps:g}, which was taken."
+            )
+    if fps is None and not rates:
+        faults.append(f"{MARK} has no fps under [video], and the videos do not say it; write it")
+    return fps
+
+
+def _close(rate: float, other: float) -> bool:
+    return abs(rate - other) <= RATE_TOLERANCE * other
+
+
+def _count(
+    videos: dict[str, Footage], fps: float | None, faults: list[str], notes: list[str]
+) -> int:
+    """Return the frames of the shortest video, and say where the others are longer."""
+    if not videos:
+        return 0
+    counts = {name: video.frames for name, video in videos.items()}
+    shortest, longest = min(counts.values()), max(counts.values())
+    if shortest == longest:
+        return shortest
+    usual = int(np.median(list(counts.values())))
+    odd = {name: count for name, count in counts.items() if count != usual}
+    said = ", ".join(f"{name!r} {count}" for name, count in odd.items())
+    tolerance = max(1, math.ceil(COUNT_TOLERANCE_S * (fps or 0.0)))
+    if longest - shortest > tolerance:
+        faults.append(
+            f"the videos are of unequal length: {said}, the others {usual} frames; at most "
+            f"{tolerance} ({COUNT_TOLERANCE_S:g} s) may be missing at the end, so cut them to the "
+            "same moments"
+        )
+    else:
+        notes.append(
+            f"The videos have unequal numbers of frames ({said}, the others {usual}): the first "
+            f"{shortest} of each are used, as if they had started together."
+        )
+    return shortest
+
+
+def _views(
+    cameras: Sequence[Camera],
+    volume: Volume | None,
+    unit_m: float,
+    faults: list[str],
+    notes: list[str],
+) -> list[float]:
+    """Return the share of the volume that each camera sees, and say it."""
+    from storage.formats.camera_views import view_faults  # OpenCV: not for who lists captures
+
+    if volume is None or not cameras or any(camera.size is None for camera in cameras):
+        return []
+    shares, found = view_faults(cameras, volume, unit_m)
+    faults += found
+    said = ", ".join(
+        f"{camera.name} {share:.0%}" for camera, share in zip(cameras, shares, strict=True)
+    )
+    notes.append(f"The cameras see this much of the volume: {said}.")
+    return shares

@@ -1,0 +1,177 @@
+"""Show, camera by camera, whether a capture's calibration fits what was filmed.
+
+Nothing in the numbers of a calibration says that a camera was matched to the wrong video, or that
+the floor is not at y = 0; a drawing of the floor and the volume over the background does.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.formats.camera import Camera
+from storage.formats.capture import Capture
+from storage.formats.capture_toml import Volume
+from storage.formats.footage import read_picture
+from tasks.geometry.cameras import project
+from tasks.geometry.canvas import (
+    BLUE,
+    FINE,
+    GREEN,
+    INK,
+    ORANGE,
+    PAPER,
+    RED,
+    Color,
+    Image,
+    draw_line,
+    draw_text,
+    finish,
+)
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """How a camera's check is drawn."""
+
+    smallest_width: int = 640
+    """A background narrower than this is enlarged by a whole number, px."""
+    grid_m: float = 0.5
+    """Between two lines of the floor."""
+    arrow_m: float = 0.5
+    """Length of the axes that stand on the floor: x red, y green, z blue."""
+    pale: float = 0.25
+    """Share of white that is laid over the background, so that lines stand out."""
+
+
+def draw_capture_checks(
+    capture: Capture, settings: CheckSettings = CheckSettings()
+) -> dict[str, Image]:
+    """Return the picture of `draw_camera_check` for each camera of a capture, by name.
+
+    Raises
+    ------
+    InputError
+        Where a background cannot be read any more.
+    """
+    pictures = {}
+    for camera, path, share in zip(
+        capture.cameras, capture.backgrounds, capture.seen_share, strict=True
+    ):
+        title = f"{camera.name}: sees {share:.0%} of the volume"
+        pictures[camera.name] = draw_camera_check(
+            read_picture(path), camera, capture.volume, title=title, settings=settings
+        )
+    return pictures
+
+
+def draw_camera_check(
+    background: NDArray[np.uint8],
+    camera: Camera,
+    volume: Volume,
+    *,
+    title: str = "",
+    settings: CheckSettings = CheckSettings(),
+) -> Image:
+    """Draw the edges of the volume and a grid on the floor over what a camera filmed.
+
+    The grid lies at y = 0 below the volume, with the axes in its middle: if it does not lie on
+    the floor of the picture, the calibration is not of this camera, or its axes are others.
+
+    Parameters
+    ----------
+    background : (row, column, 3) uint8
+        RGB, in the size of the camera's image.
+    camera
+        Metres, y up.
+    volume
+        What is observed.
+    title : str
+        Written above the picture.
+
+    Returns
+    -------
+    (row, column, 3) uint8
+        RGB, larger than the background.
+
+    Raises
+    ------
+    ValueError
+        Where the background is not of the camera's size.
+    """
+    rows, columns = background.shape[:2]
+    if background.dtype != np.uint8 or background.shape != (camera.height, camera.width, 3):
+        raise ValueError(
+            f"the background is {background.dtype} of shape {background.shape}, but camera "
+            f"{camera.name!r} films uint8 of shape {(camera.height, camera.width, 3)}"
+        )
+    larger = -(-settings.smallest_width // columns)
+    pale = (1 - settings.pale) * background + settings.pale * 255.0
+    size = (columns * larger * FINE, rows * larger * FINE)
+    image = np.asarray(cv2.resize(pale, size, interpolation=cv2.INTER_CUBIC)).clip(0, 255)
+    image = image.astype(np.uint8)
+    for start, end in _floor_lines(volume, settings.grid_m):
+        _draw(image, camera, larger, start, end, ORANGE, 1.0)
+    for start, end in _edges(volume):
+        _draw(image, camera, larger, start, end, INK, 2.0)
+    middle = np.array([volume.center_m[0], 0.0, volume.center_m[2]])
+    for axis, color in enumerate((RED, GREEN, BLUE)):
+        tip = middle + settings.arrow_m * np.eye(3)[axis]
+        _draw(image, camera, larger, middle, tip, color, 3.0)
+    picture = finish(image)
+    if title:
+        cv2.rectangle(picture, (0, 0), (picture.shape[1], 24), PAPER, cv2.FILLED)
+        draw_text(picture, title, (8, 18), 15, INK)
+    return picture
+
+
+def _floor_lines(volume: Volume, grid_m: float) -> list[tuple[NDArray, NDArray]]:
+    """Return the ends of the lines of a grid at y = 0 below the volume."""
+    low, high = (np.array(volume.center_m) + side * np.array(volume.size_m) for side in (-0.5, 0.5))
+    lines = []
+    for along, across in ((0, 2), (2, 0)):
+        first, last = np.ceil(low[across] / grid_m), np.floor(high[across] / grid_m)
+        for place in np.arange(first, last + 1) * grid_m:
+            ends = np.zeros((2, 3))
+            ends[:, across] = place
+            ends[:, along] = low[along], high[along]
+            lines.append((ends[0], ends[1]))
+    return lines
+
+
+def _edges(volume: Volume) -> list[tuple[NDArray, NDArray]]:
+    """Return the ends of the twelve edges."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    places = corners * volume.size_m + volume.center_m
+    return [
+        (places[i], places[j])
+        for i in range(8)
+        for j in range(i + 1, 8)
+        if (corners[i] != corners[j]).sum() == 1
+    ]
+
+
+def _draw(
+    image: Image,
+    camera: Camera,
+    larger: int,
+    start: NDArray,
+    end: NDArray,
+    color: Color,
+    thickness: float,
+) -> None:
+    """Draw a line of the world as the lens bends it, where the camera sees it."""
+    steps = np.linspace(0.0, 1.0, 65)[:, None]
+    pixel, _ = project(
+        start + steps * (end - start),
+        camera.intrinsics,
+        camera.distortion,
+        camera.rotation,
+        camera.translation,
+    )
+    farthest = 8 * max(camera.width, camera.height)  # beyond, fixed-point drawing overflows
+    near = np.asarray(np.abs(pixel).max(axis=-1) < farthest)
+    place = (pixel + 0.5) * larger - 0.5
+    for i in np.flatnonzero(near[:-1] & near[1:]):
+        draw_line(image, place[i], place[i + 1], color, thickness)

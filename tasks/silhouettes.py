@@ -1,0 +1,275 @@
+"""Tell the performer from the background: silhouettes (digitization paper, section 2.2).
+
+    chroma  (default) A pixel is background where some brightness of the background explains its
+            color: brightness and chroma distortion of Horprasert, Harwood and Davis, "A statistical
+            approach for real-time robust background subtraction and shadow detection" (1999). The
+            outline is then found to a pixel: beside it, a pixel is the performer's where its
+            color is nearer to the performer's color around it than to the background's, which is
+            taken as dark as the background around it is just now, so that a shadow is none.
+    crcb    The paper's rule: the difference of Cr and Cb from the background, against a fixed
+            threshold. It swells the outline by a pixel, and a deep shadow is the performer to it.
+
+Both compare pictures smoothed by 1-2-1, which is less than the camera and its codec did already.
+A frame is judged by itself, so that a take may be cut into blocks anywhere.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tasks.geometry.background import Background, measure_gain, smooth
+
+RULES = ("chroma", "crcb")
+
+_SQUARE = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class SilhouetteSettings:
+    """Everything that changes a silhouette; what is chosen by measurement names the range tried."""
+
+    rule: str = "chroma"
+    """"chroma" or "crcb"."""
+    threshold: float = 18.0
+    """Color distance from every brightness of the background above which a pixel may be the
+    performer, in levels of 0-255: 14 to 22 differ by 0.003 of overlap."""
+    noise_levels: float = 5.0
+    """The threshold is at least this many times the noise of the background at the pixel."""
+    darkest: float = 0.5
+    """Share of its brightness that the background keeps in the deepest shadow."""
+    brightest: float = 1.3
+    """Times its brightness that the background may shine."""
+    cut: float = 0.46
+    """Share of the way from the background's color to the performer's at which the outline is
+    drawn: half, less the little
+    by which chroma subsampling thins the performer; 0.42 to 0.5 differ by 0.005 of overlap."""
+    reach_px: int = 3
+    """Half width of the window in which the colors beside the outline are looked for."""
+    passes: int = 2
+    """How often the outline is drawn: each time it moves by a pixel at most. Sharp pictures need
+    one; in blurred ones (sigma 1 to 1.6 pixels) a second wins 0.01 of overlap."""
+    crcb_threshold: float = 18.0
+    """Difference of Cr or Cb, 0-255, above which `crcb` sees the performer."""
+    speck_share: float = 8e-4
+    """A region smaller than this share of the picture is a speck: 60 pixels of 320 x 240."""
+    hole_share: float = 1e-4
+    """A hole smaller than this share of the picture is filled: 8 pixels of 320 x 240."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if self.rule not in RULES:
+            faults.append(f"rule is {self.rule!r}, one of {', '.join(RULES)} is wanted")
+        for name in ("threshold", "crcb_threshold", "noise_levels", "speck_share", "hole_share"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                faults.append(f"{name} is {getattr(self, name)}, a number from 0 is wanted")
+        if not 0.0 < self.darkest <= 1.0 <= self.brightest < np.inf:
+            faults.append(
+                f"darkest is {self.darkest} and brightest {self.brightest}, 1 is wanted between"
+            )
+        if not 0.0 < self.cut < 1.0:
+            faults.append(f"cut is {self.cut}, a share between 0 and 1 is wanted")
+        if not 2 <= self.reach_px <= 50:
+            faults.append(f"reach_px is {self.reach_px}, 2 to 50 pixels are wanted")
+        if not 0 <= self.passes <= 50:
+            faults.append(f"passes is {self.passes}, 0 to 50 are wanted")
+        if faults:
+            raise ValueError("; ".join(faults))
+
+
+DEFAULT = SilhouetteSettings()
+
+
+def extract_silhouettes(
+    frames: NDArray[np.uint8],
+    background: Background,
+    settings: SilhouetteSettings = DEFAULT,
+) -> NDArray[np.bool_]:
+    """Return where each frame of a camera shows the performer.
+
+    Parameters
+    ----------
+    frames : (time, row, column, 3) uint8
+        RGB, as filmed; any block of a take.
+    background
+        Of the same camera: `tasks.geometry.background.make_background`.
+    settings
+        The rule and its numbers.
+
+    Returns
+    -------
+    (time, row, column) bool
+        True where a pixel shows the performer. A frame's silhouette depends on that frame and
+        the background alone.
+
+    Raises
+    ------
+    ValueError
+        The frames are no pictures, or of another size than the background.
+    """
+    _check_frames(frames, background)
+    silhouettes = np.zeros(frames.shape[:3], np.bool_)
+    for frame, silhouette in zip(frames, silhouettes, strict=True):
+        image = smooth(frame)
+        seed = _seed(image, background, settings)
+        box = _box(seed, 2 * settings.reach_px)
+        if box is None:
+            continue
+        least = settings.speck_share * seed.size, settings.hole_share * seed.size
+        if settings.rule == "crcb":
+            _write_cleaned(seed[box], least, silhouette[box])
+        else:
+            outlined = _outlined(image[box], background.color[box], seed[box], least, settings)
+            _write_cleaned(outlined, least, silhouette[box])
+    return silhouettes
+
+
+def _check_frames(frames: NDArray[Any], background: Background) -> None:
+    """Say what is wrong with frames that cannot be compared with the background."""
+    if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[3] != 3:
+        raise ValueError(
+            f"a {frames.dtype} array of shape {frames.shape} is no film; "
+            "(time, row, column, 3) uint8 is wanted"
+        )
+    rows, columns = background.color.shape[:2]
+    if frames.shape[1:3] != (rows, columns):
+        raise ValueError(
+            f"the frames are {frames.shape[2]} x {frames.shape[1]} and the background is "
+            f"{columns} x {rows}; bring the background of the same camera"
+        )
+
+
+def _seed(
+    image: NDArray[np.uint8], background: Background, settings: SilhouetteSettings
+) -> NDArray[np.uint8]:
+    """Return the pixels that may show the performer: 1, the others 0."""
+    seed = np.empty(image.shape[:2], np.uint8)
+    if settings.rule == "crcb":
+        _differ_in_chroma(image, background.color, np.float32(settings.crcb_threshold), seed)
+        return seed
+    gain = measure_gain(image, background)
+    limits = np.array(
+        [settings.threshold, settings.noise_levels, settings.darkest, settings.brightest],
+        np.float32,
+    )
+    _differ_in_color(image, background.color, background.noise, gain, limits, seed)
+    return seed
+
+
+def _outlined(
+    image: NDArray[np.uint8],
+    color: NDArray[np.float32],
+    seed: NDArray[np.uint8],
+    least: tuple[float, float],
+    settings: SilhouetteSettings,
+) -> NDArray[np.uint8]:
+    """Return the seed with its outline drawn where the colors beside it meet."""
+    found = np.zeros(seed.shape, np.bool_)
+    _write_cleaned(seed, least, found)
+    inside = found.view(np.uint8)
+    for _ in range(settings.passes):
+        zone: Any = inside + cv2.erode(inside, _SQUARE, borderType=cv2.BORDER_REPLICATE)
+        zone += cv2.dilate(inside, _SQUARE, borderType=cv2.BORDER_REPLICATE)
+        inside = np.empty_like(zone)
+        _draw_outline(image, color, zone, settings.reach_px, settings.cut, inside)
+    return inside
+
+
+def _write_cleaned(
+    seed: NDArray[np.uint8], least: tuple[float, float], silhouette: NDArray[np.bool_]
+) -> None:
+    """Write the seed without specks (8-connected) and with its small holes (4-connected) filled."""
+    label, area = _components(seed, 8)
+    keep = area >= least[0]
+    keep[0] = False
+    np.take(keep, label, out=silhouette)
+    outside = (~silhouette).view(np.uint8)
+    label, area = _components(outside, 4)
+    fill = area < least[1]
+    fill[0] = False
+    for side in (label[0], label[-1], label[:, 0], label[:, -1]):
+        fill[side] = False  # the border of a picture closes no hole
+    if fill.any():
+        silhouette |= fill[label]
+
+
+def _components(image: NDArray[np.uint8], connectivity: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the component of each pixel, 0 where the image is 0, and each component's pixels."""
+    _, label, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=connectivity)
+    return label, stats[:, cv2.CC_STAT_AREA]
+
+
+def _box(seed: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
+    """Return the rows and columns of what is set, with a margin; None where nothing is."""
+    rows, columns = np.flatnonzero(seed.any(axis=1)), np.flatnonzero(seed.any(axis=0))
+    if not rows.size:
+        return None
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + 1 + margin),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differ_in_color(image, color, noise, gain, limits, seed):
+    """Set the pixels whose color no brightness of the background between the limits explains."""
+    threshold, levels, darkest, brightest = limits
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            r, g = np.float32(image[i, j, 0]), np.float32(image[i, j, 1])
+            b = np.float32(image[i, j, 2])
+            br, bg, bb = gain * color[i, j, 0], gain * color[i, j, 1], gain * color[i, j, 2]
+            length = br * br + bg * bg + bb * bb + np.float32(1.0)  # 1: black has no color
+            share = (r * br + g * bg + b * bb) / length
+            share = min(max(share, darkest), brightest)
+            r, g, b = r - share * br, g - share * bg, b - share * bb
+            limit = max(threshold, levels * noise[i, j])
+            seed[i, j] = r * r + g * g + b * b > limit * limit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differ_in_chroma(image, color, threshold, seed):
+    """Set the pixels whose Cr or Cb (ITU-R BT.601) is farther than `threshold` from the color's."""
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            r = np.float32(image[i, j, 0]) - color[i, j, 0]
+            g = np.float32(image[i, j, 1]) - color[i, j, 1]
+            b = np.float32(image[i, j, 2]) - color[i, j, 2]
+            y = np.float32(0.299) * r + np.float32(0.587) * g + np.float32(0.114) * b
+            cr, cb = np.float32(0.713) * (r - y), np.float32(0.564) * (b - y)
+            seed[i, j] = max(abs(cr), abs(cb)) > threshold
+
+
+@njit(cache=True, nogil=True)
+def _draw_outline(image, color, zone, reach, cut, outlined):
+    """Decide the pixels of zone 1 (beside the outline) and 2 (on it); 0 is outside, 3 inside."""
+    rows, columns = zone.shape
+    for i in range(rows):
+        for j in range(columns):
+            outlined[i, j] = zone[i, j] >= 2
+            if zone[i, j] == 0 or zone[i, j] == 3:
+                continue
+            inside = outside = 0
+            fr = fg = fb = seen = behind = 0.0
+            for k in range(max(i - reach, 0), min(i + reach + 1, rows)):
+                for m in range(max(j - reach, 0), min(j + reach + 1, columns)):
+                    if zone[k, m] == 3:
+                        inside += 1
+                        fr += float(image[k, m, 0])
+                        fg += float(image[k, m, 1])
+                        fb += float(image[k, m, 2])
+                    elif zone[k, m] == 0:
+                        outside += 1
+                        seen += float(image[k, m, 0]) + image[k, m, 1] + image[k, m, 2]
+                        behind += color[k, m, 0] + color[k, m, 1] + color[k, m, 2]
+            if inside == 0 or outside == 0 or behind <= 0.0:  # too thin or too crowded: as it was
+                continue
+            share = seen / behind
+            br, bg, bb = share * color[i, j, 0], share * color[i, j, 1], share * color[i, j, 2]
+            dr, dg, db = fr / inside - br, fg / inside - bg, fb / inside - bb
+            along = (image[i, j, 0] - br) * dr + (image[i, j, 1] - bg) * dg
+            along += (image[i, j, 2] - bb) * db
+            outlined[i, j] = along > cut * (dr * dr + dg * dg + db * db)

@@ -32,6 +32,7 @@ bench: setup
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m tests.benchmarks.search
 	$(BIN)/python -m tests.benchmarks.archive
+	$(BIN)/python -m tests.benchmarks.silhouettes
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

@@ -33,7 +33,7 @@ def look_at(position, target, roll=0.0):
     return np.concatenate([rotation, -rotation @ np.reshape(position, (3, 1))], axis=1)
 
 
-def random_camera(rng, grid, lens, *, inside=False):
+def random_camera(rng, grid, lens, *, inside=False, scale=1):
     """Return a camera, as the naive twin takes it, in or around the grid's box."""
     origin, voxel, shape = grid
     size = np.array(shape) * voxel
@@ -43,7 +43,7 @@ def random_camera(rng, grid, lens, *, inside=False):
     far = 0.3 * size.min() if inside else rng.uniform(0.8, 2.0) * np.linalg.norm(size)
     position = middle + direction * far
     target = middle + rng.uniform(-0.25, 0.25, 3) * size
-    columns, rows = int(rng.integers(30, 48)), int(rng.integers(21, 34))
+    columns, rows = scale * int(rng.integers(30, 48)), scale * int(rng.integers(21, 34))
     focal = rng.uniform(0.5, 1.1) * columns
     intrinsic = np.array(
         [
@@ -143,6 +143,27 @@ def test_many_random_captures_are_carved_as_voxel_by_voxel(rng):
         np.testing.assert_array_equal(fast, slow)
         kept += 0 < slow.sum() < slow.size
     assert kept > 30
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("lens", LENSES)
+def test_bounds_hold_where_pixels_are_as_small_as_voxels(rng, lens):
+    # wide views of stripes in all directions: a box's image must hold to a fraction of a pixel
+    grid = ((-0.8, -0.7, -0.9), 0.02, (83, 71, 90))
+    for slope in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        cameras = [random_camera(rng, grid, lens, scale=20) for _ in range(2)]
+        for camera in cameras:
+            camera["intrinsic"][:2, :2] *= 0.8
+        # along the grid's axes, both sides of a box's image are as long as their bounds
+        cameras[0]["pose"] = np.concatenate([np.eye(3), [[0.05], [0.03], [2.0]]], axis=1)
+        rows, columns = (max(c[name] for c in cameras) for name in ("rows", "columns"))
+        v, u = np.mgrid[:rows, :columns]
+        width = rng.integers(20, 60)
+        silhouettes = np.stack([(slope[0] * u + slope[1] * v) % width < width / 2] * 2)
+        fast = carve(silhouettes, cameras, grid, 0, 1)
+        slow = naive.carve(silhouettes, cameras, grid, 0, 1)
+        np.testing.assert_array_equal(fast, slow)
+        assert 0 < slow.sum() < slow.size
 
 
 def test_places_on_the_border_of_pixels_and_depth_zero_are_those_of_the_definition():

@@ -56,15 +56,15 @@ def one_to_one_radius(distortion):
         return slope > 0 and below(r) > 0
 
     r = 0.0
-    while r < 100:
-        ahead = min(r + 1e-3 * max(r, 0.1), 100.0)
+    while r < 10:
+        ahead = min(r + 1e-3 * max(r, 0.1), 10.0)
         if not grows(ahead):
             for _ in range(200):
                 middle = (r + ahead) / 2
                 r, ahead = (middle, ahead) if grows(middle) else (r, middle)
             return r
         r = ahead
-    return 100.0
+    return 10.0
 
 
 def project(points, camera):

@@ -3,7 +3,8 @@ import threading
 import numpy as np
 import pytest
 
-from tasks.carving import CarvingSettings, carve_visual_hull
+from tasks.carving import CarvingSettings, _bend_box, carve_visual_hull
+from tasks.geometry.lens_bounds import lens_table
 from tasks.geometry.projection import Projection, one_to_one_radius, project_points
 from tasks.geometry.voxels import VoxelGrid, count_voxels, decode_runs, surface_voxels
 from tests import naive_voxels as naive
@@ -164,6 +165,31 @@ def test_bounds_hold_where_pixels_are_as_small_as_voxels(rng, lens):
         slow = naive.carve(silhouettes, cameras, grid, 0, 1)
         np.testing.assert_array_equal(fast, slow)
         assert 0 < slow.sum() < slow.size
+
+
+@pytest.mark.parametrize("lens", list(LENSES)[1:])
+def test_a_bent_box_lies_within_its_bounds_and_nearly_fills_small_ones(rng, lens):
+    cameras = ring(2, lens=lens)
+    axes = tuple(np.array([-1.0, 1.0]) for _ in range(3))
+    table = lens_table(projection_of(cameras), axes)
+    edge, bend = table[1, 7, :2]
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*LENSES[lens], *[0.0] * (8 - len(LENSES[lens])))
+    corners = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)])
+    steps = np.concatenate([corners, rng.uniform(-1, 1, (40, 2))])
+    filled = []
+    for _ in range(200):
+        middle, half = rng.uniform(-0.6, 0.6, 2) * edge, rng.uniform(0, 0.1, 2) * edge
+        half *= 0.01 if len(filled) % 2 else 1.0
+        a, b = (middle + steps * half).T
+        s = a * a + b * b
+        f = (1 + k1 * s + k2 * s**2 + k3 * s**3) / (1 + k4 * s + k5 * s**2 + k6 * s**3)
+        u = a * f + 2 * p1 * a * b + p2 * (s + 2 * a * a)
+        v = b * f + p1 * (s + 2 * b * b) + 2 * p2 * a * b
+        place, reach = _bend_box(table, 1, tuple(middle), tuple(half), bend)
+        found = abs(np.stack([u - place[0], v - place[1]])).max(axis=1)
+        assert (found <= np.multiply(reach, 1 + 1e-9)).all()
+        filled.append((found / reach).min())
+    assert min(filled[1::2]) > 0.85
 
 
 def test_places_on_the_border_of_pixels_and_depth_zero_are_those_of_the_definition():
@@ -336,7 +362,7 @@ def test_a_lens_is_one_to_one_up_to_where_its_radius_turns():
     np.testing.assert_allclose(radius, wanted, rtol=1e-9)
     assert np.isinf(radius[0])
     assert radius[2] < 1.0
-    assert radius[3] == 100.0
+    assert radius[3] == 10.0
 
 
 def test_silhouettes_that_do_not_fit_the_cameras_are_refused():

@@ -71,13 +71,13 @@ def shades(rng, count):
     return (rng.integers(0, 4, (count, 33, 41, 3)) * 70).astype(np.uint8)
 
 
-@pytest.mark.parametrize("lift", [0.0, 1.3, 2.0])
+@pytest.mark.parametrize(("lift", "filled"), [(0.0, 0.7), (1.3, 0.7), (2.0, 0.7), (2.0, 0.02)])
 @pytest.mark.parametrize("distortion", [(), (-0.2, 0.05, 0.003, -0.002)], ids=["none", "bent"])
-def test_colors_and_cameras_are_those_of_the_twin(rng, lift, distortion):
+def test_colors_and_cameras_are_those_of_the_twin(rng, lift, filled, distortion):
     cameras = ring(5, distortion=distortion)
     cameras.append(camera_at([0.0, 0.5, 0.03], [-0.3, 0.4, 0.0], distortion=distortion))
     occupied, images = figure(rng), shades(rng, 6)
-    silhouettes = rng.random((6, 33, 41)) < 0.7
+    silhouettes = rng.random((6, 33, 41)) < filled
     found = color_surface(
         encode_runs(occupied[None]),
         VoxelGrid(*GRID),
@@ -90,8 +90,8 @@ def test_colors_and_cameras_are_those_of_the_twin(rng, lift, distortion):
     np.testing.assert_array_equal(found.index, index)
     np.testing.assert_array_equal(found.camera, camera)
     np.testing.assert_array_equal(found.color, color)
-    assert len(np.unique(camera)) >= 6
-    assert 20 < (camera == NO_CAMERA).sum() < 0.8 * len(camera)
+    assert len(np.unique(camera)) >= 5
+    assert 20 < (camera == NO_CAMERA).sum() < len(camera) - 5
 
 
 def balls(points, radius, eye, ray):

@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_WIDEST = 100.0  # 89.4 degrees from the axis; no bent lens is believed farther out
+_WIDEST = 10.0  # 84.3 degrees from the axis; no bent lens is believed farther out
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def one_to_one_radius(projection: Projection) -> NDArray[np.float64]:
     """Return (camera,) the radius before bending up to which a lens is one to one.
 
     The radius is that of a point at depth 1: the tangent of its angle from the axis. It is
-    infinite where nothing bends, and at most 100 elsewhere. Only the radial coefficients
+    infinite where nothing bends, and at most 10 elsewhere. Only the radial coefficients
     count.
     """
     radius = np.full(projection.cameras, np.inf)

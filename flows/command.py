@@ -12,7 +12,6 @@ import re
 import sys
 from collections.abc import Sequence
 from datetime import timedelta
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -279,7 +278,7 @@ def _collect_garbage(options: argparse.Namespace) -> int:
 
 
 def _doctor(_: argparse.Namespace) -> int:
-    examine_installation = import_module("flows.doctor").examine_installation
+    from flows.doctor import examine_installation
 
     findings = examine_installation()
     for finding in findings:

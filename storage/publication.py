@@ -152,8 +152,7 @@ def collect_garbage(place: Place, *, older_than: timedelta) -> list[StoredFile]:
     records = {take: _numbers(place, take) for take in list_names(place, "published")}
     for take, numbers in records.items():
         doomed += _replaced_records(place, take, max(numbers, default=0), limit)
-    kept = {(r.take, r.version) for take in records if (r := read_record(place, take))}
-    kept |= {(take, v) for take in records for v in _recent_versions(place, take, doomed)}
+    kept = {(take, v) for take in records for v in _recent_versions(place, take, doomed)}
     for top in ("takes", "index"):
         groups: dict[tuple[str, str], list[StoredFile]] = {}
         for file in list_files(place, top):

@@ -16,3 +16,10 @@ Head is the top of the head, Neck the base of the neck, Fin a finger tip, Foot a
 
 SPACE = ("x", "y", "z")
 """The `space` axis: metres, right-handed, y up, floor at y = 0."""
+
+SEGMENTS = (
+    "Head", "Body", "Waist",
+    "RUpperArm", "RForeArm", "LUpperArm", "LForeArm",
+    "RUpperLeg", "RLowerLeg", "LUpperLeg", "LLowerLeg",
+)  # fmt: skip
+"""The segments of a body; a voxel's label is the place in this list plus one, 0 is none."""

@@ -1,0 +1,319 @@
+"""Where face and hands are in every frame of a take, one best path (digitization paper, 3.4.1).
+
+The paper follows, from frame to frame, the skin-colored region nearest to the last one; a hand
+lost once is lost for good. Here the whole take decides: of all candidates of all frames the
+likeliest path is taken, of both hands at once (Viterbi 1967), so that hands that cross or clap
+keep their sides. A hand may be unseen; it is then remembered where it was, and how long it may
+have been on its way. How much the rest of the paths, weighed with their likelihoods, agree
+with the best is each place's weight.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.extremity_candidates import (
+    Candidates,
+    CandidateSettings,
+    find_candidates,
+    measure_references,
+)
+from tasks.geometry.extremity_paths import Motion, best_paths
+from tasks.geometry.skin import (
+    HAND_JOINTS,
+    SkinModel,
+    SkinSettings,
+    SurfaceFrame,
+    check_joints,
+    learn_skin,
+)
+
+Floats = NDArray[np.float64]
+
+EXTREMITIES = ("Face", "RHand", "LHand")
+
+
+@dataclass(frozen=True)
+class ExtremitySettings:
+    """Everything that changes where hands and face are found; lengths in statures."""
+
+    skin: SkinSettings = field(default_factory=SkinSettings)
+    candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    hand_motion: Motion = field(default_factory=Motion)
+    face_motion: Motion = field(default_factory=lambda: Motion(speed=0.6, fastest=4.0))
+
+    learn_s: float = 0.1
+    """Skin is learned from the frames this near the initial one, where arms are still held."""
+
+    unseen: float = 2.0
+    """Cost of a frame (at 30 Hz) in which a hand is not seen, in nats."""
+
+    no_skin: float = 3.0
+    """Cost of a frame in which a hand is where no skin is, if hands differ from clothes."""
+
+    some_skin: float = 0.25
+    """Share of a hand's skin from which this costs nothing: the rest may hide in a sleeve."""
+
+    little_skin: float = 0.7
+    """Cost, on top, of a hand of which nothing is seen; half of it: of half a hand."""
+
+    no_end: float = 0.3
+    """Cost of a frame in which a hand is not an end of the surface; grows as skin says less."""
+
+    together: float = 1.6
+    """Cost of a frame in which both hands are one lump."""
+
+    at_face: float = 1.0
+    """Cost of a frame in which a hand is where the face is, which is skin without it."""
+
+    at_face_within: float = 0.06
+    """How near the face a lump may well be the face itself: half a head's depth."""
+
+    side: float = 0.2
+    """Cost of a frame in which a hand is as far on the other side as hands typically are on
+    their own. Taken alone, it would be 2: but what a frame says of sides, the next repeats."""
+
+    typical_side: float = 0.13
+    """How far to its side a hand typically is: of twelve generated takes, the median."""
+
+    plain_front: float = 0.015
+    """How far skin lies before the middle of a head that surely faces there; half as much is
+    believed half."""
+
+    reach_slack: float = 0.06
+    """How much farther from the neck than the outstretched hand was a hand may be before it
+    costs: shoulders rise, and the neck is known from the face only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extremities:
+    """Where face and hands are."""
+
+    position: Floats
+    """(time, 3, 3) metres, of face, right and left hand; NaN where unseen. A hand is the middle
+    of what is seen of it, a face the middle of its skin, in front of the head's."""
+
+    facing: Floats
+    """(time, 3) where the head faces, horizontally: a vector from 0 to 1 long, the longer the
+    surer; NaN where the face is unseen."""
+
+    weight: Floats
+    """(time, 3) from 0 to 1: how likely the place is right; 0 where unseen."""
+
+    candidates: tuple[Candidates, ...]
+    """The places of each frame that were chosen from."""
+
+    hand_cost: tuple[Floats, ...]
+    """(candidate,) a frame: nats that each place costs a hand by itself; smaller is likelier."""
+
+    model: SkinModel
+    """What color skin has in this take."""
+
+
+def find_extremities(
+    frames: Sequence[SurfaceFrame],
+    rate_hz: float,
+    stature_m: float,
+    joints: Mapping[str, NDArray[np.float64]],
+    *,
+    initial_frame: int = 0,
+    settings: ExtremitySettings | None = None,
+) -> Extremities:
+    """Return where face and hands are in every frame of a take.
+
+    Parameters
+    ----------
+    frames
+        The take's colored surfaces; each is asked for twice at most, so they may be made when
+        they are asked for. Frames may be empty.
+    rate_hz
+        Frames a second.
+    stature_m
+        The performer's height.
+    joints : mapping of (3,) float64
+        The initial model: metres, by the names of the archive; `skin.NEEDED_JOINTS` are used.
+    initial_frame
+        The frame that the initial model is of; the hands' sides are decided there.
+    settings
+        How skin is learned, and paths are weighed.
+
+    Raises
+    ------
+    ValueError
+        If there is no frame, a joint is missing, the initial frame is not in the take, or rate
+        or stature are not positive.
+    """
+    settings = settings or ExtremitySettings()
+    check_joints(joints, stature_m)
+    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise ValueError(f"rate_hz {rate_hz} must be positive; give frames a second")
+    if not 0 <= initial_frame < len(frames):
+        raise ValueError(
+            f"initial_frame {initial_frame} is not one of the take's {len(frames)} frames; give "
+            "the frame that the initial model is of"
+        )
+    near = int(settings.learn_s * rate_hz)
+    shown = [
+        frames[t]
+        for t in range(max(initial_frame - near, 0), min(initial_frame + near + 1, len(frames)))
+    ]
+    model = learn_skin(shown, joints, stature_m, settings.skin)
+    start = initial_places(joints, stature_m)
+    references = measure_references(
+        shown, model, start[1:], start[0], stature_m, settings.candidates
+    )
+    candidates = tuple(
+        find_candidates(frames[t], model, references, stature_m, settings.candidates)
+        for t in range(len(frames))
+    )
+    return choose_extremities(
+        candidates,
+        model,
+        rate_hz,
+        stature_m,
+        joints,
+        initial_frame=initial_frame,
+        settings=settings,
+    )
+
+
+def choose_extremities(
+    candidates: Sequence[Candidates],
+    model: SkinModel,
+    rate_hz: float,
+    stature_m: float,
+    joints: Mapping[str, NDArray[np.float64]],
+    *,
+    initial_frame: int = 0,
+    settings: ExtremitySettings | None = None,
+) -> Extremities:
+    """Return which candidates of all frames are face and hands; see `find_extremities`.
+
+    Parameters
+    ----------
+    candidates
+        A frame each.
+    model
+        What color skin has, and how well it tells.
+    rate_hz, stature_m, joints, initial_frame, settings
+        As of `find_extremities`.
+    """
+    settings = settings or ExtremitySettings()
+    start = initial_places(joints, stature_m) / stature_m
+    pace = 30.0 / rate_hz
+    spot = [c.face / stature_m for c in candidates]
+    price = [_face_cost(c, model, settings) * pace for c in candidates]
+    face, face_weight, _ = best_paths(
+        (spot, [np.empty((0, 3))] * len(spot)),
+        (price, [np.empty(0)] * len(spot)),
+        (start[0], np.full(3, np.nan)),
+        initial_frame,
+        1.0 / rate_hz,
+        settings.face_motion,
+        (settings.unseen * pace, 0.0),
+    )
+    facing = _facing(candidates, face[:, 0] * stature_m, settings)
+    spot = [c.hand / stature_m for c in candidates]
+    hand_cost = _hand_costs(candidates, spot, face[:, 0], start, joints, stature_m, model, settings)
+    sided = _side_costs(spot, face[:, 0], facing, settings)
+    hands, hand_weight, _ = best_paths(
+        (spot, spot),
+        (
+            [(cost + aside) * pace for cost, aside in zip(hand_cost, sided, strict=True)],
+            [(cost - aside) * pace for cost, aside in zip(hand_cost, sided, strict=True)],
+        ),
+        (start[1], start[2]),
+        initial_frame,
+        1.0 / rate_hz,
+        settings.hand_motion,
+        (settings.unseen * pace, settings.unseen * pace),
+        together=settings.together * pace,
+    )
+    known = np.array([model.face_separability, model.hand_separability, model.hand_separability])
+    return Extremities(
+        np.concatenate([face[:, :1], hands], axis=1) * stature_m,
+        facing,
+        np.concatenate([face_weight[:, :1], hand_weight], axis=1) * known,
+        tuple(candidates),
+        tuple(hand_cost),
+        model,
+    )
+
+
+def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) -> Floats:
+    """Return (3, 3) where face, right and left hand are in the initial model, in metres."""
+    neck, head = np.asarray(joints["Neck"]), np.asarray(joints["Head"])
+    front = np.cross(np.subtract(joints["LShoulder"], joints["RShoulder"]), head - neck)
+    front = front / max(float(np.linalg.norm(front)), 1e-9)
+    face = 0.45 * neck + 0.55 * head + 0.045 * stature_m * front
+    return np.stack([face, *(np.add(joints[a], joints[b]) / 2.0 for a, b in HAND_JOINTS)])
+
+
+def _face_cost(candidates: Candidates, model: SkinModel, settings: ExtremitySettings) -> Floats:
+    """Return (face candidate,) what each place costs the face."""
+    lacking = 1.0 - np.clip(candidates.face_skin, 0.0, 1.0)
+    return settings.no_skin * model.face_separability * lacking
+
+
+def _facing(candidates: Sequence[Candidates], face: Floats, settings: ExtremitySettings) -> Floats:
+    """Return (time, 3) where the head faces, horizontally; the length is how sure that is."""
+    facing = np.full(face.shape, np.nan)
+    for t, (frame, place) in enumerate(zip(candidates, face, strict=True)):
+        if np.isnan(place[0]):
+            continue
+        chosen = np.argmin(np.linalg.norm(frame.face - place, axis=1))
+        front = frame.face_front[chosen] * [1.0, 0.0, 1.0]
+        length = float(np.linalg.norm(front))
+        facing[t] = front / max(length, settings.plain_front)
+    return facing
+
+
+def _hand_costs(
+    candidates: Sequence[Candidates],
+    place: Sequence[Floats],
+    face: Floats,
+    start: Floats,
+    joints: Mapping[str, NDArray[np.float64]],
+    stature_m: float,
+    model: SkinModel,
+    settings: ExtremitySettings,
+) -> list[Floats]:
+    """Return for each frame (candidate,) what each place costs either hand."""
+    below = np.asarray(joints["Neck"]) / stature_m - start[0]
+    arm = float(np.linalg.norm(start[1:] - start[0] - below, axis=1).mean())
+    known = model.hand_separability
+    no_end = settings.no_end + (1.0 - known) * settings.no_skin
+    costs = []
+    for frame, spot, seen in zip(candidates, place, _carry_on(face, start[0]), strict=True):
+        lacking = settings.no_skin * (
+            1.0 - np.clip(frame.hand_skin / settings.some_skin, 0.0, 1.0)
+        ) + settings.little_skin * (1.0 - np.clip(frame.hand_skin, 0.0, 1.0))
+        at_face = np.linalg.norm(spot - seen, axis=1) < settings.at_face_within
+        reach = np.linalg.norm(spot - seen - below, axis=1)
+        beyond = np.maximum(reach - arm - settings.reach_slack, 0.0) / settings.reach_slack
+        costs.append(
+            known * lacking + no_end * ~frame.hand_end + settings.at_face * at_face + beyond**2
+        )
+    return costs
+
+
+def _side_costs(
+    place: Sequence[Floats], face: Floats, facing: Floats, settings: ExtremitySettings
+) -> list[Floats]:
+    """Return for each frame (candidate,) what it costs the right hand, and gains the left."""
+    costs = []
+    for spot, seen, front in zip(place, face, facing, strict=True):
+        left = np.array([front[2], 0.0, -front[0]])  # of who looks there, y up
+        aside = (spot - seen) @ left / settings.typical_side
+        costs.append(settings.side * np.clip(np.nan_to_num(aside), -1.5, 1.5))
+    return costs
+
+
+def _carry_on(position: Floats, start: Floats) -> Floats:
+    """Return (time, 3) positions with those unseen as last seen."""
+    carried, last = position.copy(), start
+    for t in range(len(carried)):
+        last = carried[t] = last if np.isnan(carried[t, 0]) else carried[t]
+    return carried

@@ -1,0 +1,204 @@
+"""The likeliest paths of two points through candidates that come and go (Viterbi 1967).
+
+In every frame a point is at one of the frame's candidates or unseen. Unseen it is a ghost: it
+keeps the place and the time at which it was last seen, from which the cost of the next place
+follows. Ghosts are the places of the best paths so far, a handful; with enough of them the
+result is exact. Both points together are one state, so that what they cost together counts.
+Costs are negative logarithms of likelihoods; a forward and a backward pass over the same
+states give the probability of each place.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How points move; lengths in statures."""
+
+    speed: float = 1.0
+    """Typical speed in statures a second: that of the hands of a dancer, 1.7 m/s."""
+
+    fastest: float = 6.0
+    """No point moves faster than this: a thrown punch is half as fast."""
+
+    noise: float = 0.015
+    """How exact a place is: 2.5 cm."""
+
+    widest: float = 0.3
+    """Typical distance after a long time: half of an arm's reach."""
+
+    jump: float = 8.0
+    """The most that a way may cost more than standing still, in nats."""
+
+    ghosts: int = 6
+    """Places at which an unseen point is remembered."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Slots:
+    """Where one point may be in a frame: its candidates, then its ghosts."""
+
+    place: Floats
+    """(slot, 3)"""
+    unseen: NDArray[np.intp]
+    """(slot,) frames since it was seen; 0: a candidate."""
+    parent: NDArray[np.intp]
+    """(slot,) a ghost's slot in the frame before; -1: a candidate."""
+
+
+def best_paths(
+    place: tuple[Sequence[Floats], Sequence[Floats]],
+    cost: tuple[Sequence[Floats], Sequence[Floats]],
+    start: tuple[Floats, Floats],
+    initial_frame: int,
+    step_s: float,
+    motion: Motion,
+    unseen: tuple[float, float],
+    *,
+    together: float = 0.0,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the likeliest paths of two points, forth and back from the initial frame.
+
+    Parameters
+    ----------
+    place
+        For each point, for each frame, (candidate, 3) places in statures.
+    cost
+        For each point, for each frame, (candidate,) nats each costs.
+    start
+        (3,) where each point is in the initial frame; NaN: there is no such point.
+    initial_frame
+        From here paths run to the end, and back to the beginning.
+    step_s
+        Seconds a frame.
+    motion
+        How points move.
+    unseen
+        What a frame unseen costs each point, nats.
+    together
+        What a frame costs in which both are at one place.
+
+    Returns
+    -------
+    position : (time, 2, 3) float64
+        Statures; NaN where unseen.
+    weight : (time, 2) float64
+        Probability that the point is there, or within a tenth of a stature... of it.
+    cost : (2,) float64
+        What the paths cost from the initial frame on, and back from it.
+    """
+    frames = len(place[0])
+    position, weight = np.full((frames, 2, 3), np.nan), np.zeros((frames, 2))
+    totals = np.zeros(2)
+    for part, order in enumerate((range(initial_frame, frames), range(initial_frame, -1, -1))):
+        chosen = _Chain(place, cost, start, order, step_s, motion, unseen, together)
+        position[list(order)], weight[list(order)], totals[part] = chosen.solve()
+    return position, weight, totals
+
+
+class _Chain:
+    """The states of all frames in one direction, and what leads from each to each."""
+
+    def __init__(self, place, cost, start, order, step_s, motion, unseen, together) -> None:
+        self.motion, self.step_s = motion, step_s
+        self.slots: list[tuple[_Slots, _Slots]] = []
+        self.moves: list[tuple[Floats, Floats]] = []
+        self.costs: list[Floats] = []
+        self.totals: list[Floats] = []
+        seed = tuple(_Slots(s[None], np.zeros(1, np.intp), np.full(1, -1, np.intp)) for s in start)
+        best = np.zeros((1, 1))
+        before = seed
+        for t in order:
+            after, moves, own = [], [], []
+            for point in range(2):
+                slots = self._open(before[point], best.min(axis=1 - point), place[point][t])
+                after.append(slots)
+                moves.append(self._moves(before[point], slots))
+                ghosts = len(slots.place) - len(place[point][t])
+                own.append(np.concatenate([cost[point][t], np.full(ghosts, unseen[point])]))
+            total = own[0][:, None] + own[1][None]
+            shared = min(len(place[0][t]), len(place[1][t])) if together else 0
+            total[np.arange(shared), np.arange(shared)] += together
+            best = _min_plus(_min_plus(moves[0].T, best), moves[1]) + total
+            best -= 0.0
+            self.slots.append((after[0], after[1]))
+            self.moves.append((moves[0], moves[1]))
+            self.costs.append(total)
+            self.totals.append(best)
+            before = (after[0], after[1])
+
+    def _open(self, before: _Slots, best: Floats, place: Floats) -> _Slots:
+        """Return the slots of a frame: its candidates, and ghosts of the best slots before."""
+        kept = np.argsort(best, kind="stable")[: self.motion.ghosts]
+        return _Slots(
+            np.concatenate([place, before.place[kept]]),
+            np.concatenate([np.zeros(len(place), np.intp), before.unseen[kept] + 1]),
+            np.concatenate([np.full(len(place), -1, np.intp), kept]),
+        )
+
+    def _moves(self, before: _Slots, after: _Slots) -> Floats:
+        """Return (slot before, slot after) what each way costs."""
+        motion = self.motion
+        way = np.linalg.norm(before.place[:, None] - after.place[None], axis=2)
+        time_s = self.step_s * (before.unseen + 1.0)[:, None]
+        one_step = np.hypot(np.sqrt(2.0) * motion.noise, motion.speed * self.step_s)
+        spread = np.hypot(
+            np.sqrt(2.0) * motion.noise, np.minimum(motion.speed * time_s, motion.widest)
+        )
+        cost = np.minimum(0.5 * (way / spread) ** 2, motion.jump)
+        cost = cost + 3.0 * np.log(np.maximum(spread / one_step, 1.0))
+        cost[way > motion.fastest * time_s + 4.0 * motion.noise] = np.inf
+        is_ghost = after.parent >= 0
+        cost[:, is_ghost] = np.inf
+        cost[after.parent[is_ghost], np.flatnonzero(is_ghost)] = 0.0
+        return cost
+
+    def solve(self) -> tuple[Floats, Floats, float]:
+        """Return positions, weights and the cost of the best paths."""
+        count = len(self.slots)
+        position, weight = np.full((count, 2, 3), np.nan), np.zeros((count, 2))
+        likely = self._probabilities()
+        state = np.unravel_index(int(np.argmin(self.totals[-1])), self.totals[-1].shape)
+        for t in range(count - 1, -1, -1):
+            for point in range(2):
+                slots, slot = self.slots[t][point], state[point]
+                if slots.unseen[slot] == 0:
+                    position[t, point] = slots.place[slot]
+                    seen = slots.unseen == 0
+                    near = np.linalg.norm(slots.place - slots.place[slot], axis=1) < 0.04
+                    weight[t, point] = likely[t].sum(axis=1 - point)[near & seen].sum()
+            if t:
+                moves = self.moves[t]
+                way = self.totals[t - 1] + moves[0][:, state[0], None] + moves[1][None, :, state[1]]
+                state = np.unravel_index(int(np.argmin(way)), way.shape)
+        return position, np.clip(weight, 0.0, 1.0), float(self.totals[-1].min())
+
+    def _probabilities(self) -> list[Floats]:
+        """Return the probability of every state of every frame (forward-backward)."""
+        steps = [(np.exp(-m[0]), np.exp(-m[1])) for m in self.moves]
+        own = [np.exp(-(c - c.min())) for c in self.costs]
+        forward, ahead = [], np.ones((1, 1))
+        for (right, left), cost in zip(steps, own, strict=True):
+            ahead = (right.T @ ahead @ left) * cost
+            ahead = ahead / max(ahead.sum(), 1e-300)
+            forward.append(ahead)
+        back = np.ones_like(forward[-1])
+        likely = [forward[-1]]
+        for t in range(len(forward) - 1, 0, -1):
+            right, left = steps[t]
+            back = right @ (back * own[t]) @ left.T
+            back = back / max(back.sum(), 1e-300)
+            both = forward[t - 1] * back
+            likely.append(both / max(both.sum(), 1e-300))
+        return likely[::-1]
+
+
+def _min_plus(a: Floats, b: Floats) -> Floats:
+    """Return the matrix product in which sums are minima and products are sums."""
+    return np.min(a[:, :, None] + b[None], axis=1)

@@ -1,0 +1,259 @@
+"""What color a performer's skin has, learned from the take itself (digitization paper, 3.4.1).
+
+The paper follows skin-colored regions and does not say what skin color is. Here it is what the
+hands and the front of the head show in the first frames and the rest of the body does not: the
+ratio of two histograms of colors, over two chromaticities, which a change of light leaves
+alone, and a coarse lightness. Hands and face have a table each, and each takes in what it
+recognizes of the other; so gloves are as good as bare hands where they differ from the clothes.
+How far they do is measured and said: a costume of the color of skin makes a model that knows
+that it knows nothing.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+NO_CAMERA = 255
+"""The camera of a surface voxel whose color is not its own."""
+
+HAND_JOINTS = (("RWrist", "RFin"), ("LWrist", "LFin"))
+NEEDED_JOINTS = ("Head", "Neck", "RShoulder", "LShoulder", *HAND_JOINTS[0], *HAND_JOINTS[1])
+"""The joints of the initial model that say where skin is."""
+
+_CHROMA_STEP = 0.02
+_LIGHT_STEP = 32
+_SHAPE = (100, 150, 8)
+_ZERO = (50, 50, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFrame:
+    """The colored surface voxels of one frame."""
+
+    center: NDArray[np.float64]
+    """(surface voxel, 3) metres."""
+
+    color: NDArray[np.uint8]
+    """(surface voxel, 3) RGB."""
+
+    camera: NDArray[np.uint8]
+    """(surface voxel,) the camera of the color; 255 where it is not the voxel's own."""
+
+
+@dataclass(frozen=True)
+class SkinSettings:
+    """Everything that changes a model of skin color."""
+
+    hand_begins: float = 0.25
+    """Share of the way from wrist to fingertips where the hand begins: cuffs end before."""
+
+    hand_radius: float = 0.04
+    """Distance from that line within which a voxel is the hand's, in statures: 7 cm of 1.7 m, a
+    hand seen by few cameras is half as thick again as it is."""
+
+    head_radius: float = 0.08
+    """Distance from the line through neck and head within which a voxel is the head's, in
+    statures; a head of 1.7 m is 20 cm deep."""
+
+    floor: float = 2e-5
+    """Probability of a color never seen, of hands and of clothes: it has a ratio of one."""
+
+    most: float = 4.0
+    """Largest logarithm of the ratio: a color seen on hands only is 55 times likelier there."""
+
+    useless: float = 0.4
+    """Hands told from clothes by less than this share of how well the face is are taken to
+    have the face's color; but that is only a guess, and believed by this share of it."""
+
+    least: float = -3.0
+    """Smallest logarithm of the ratio."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkinModel:
+    """How much likelier each color is on hands, and on the face, than elsewhere."""
+
+    hand: NDArray[np.float32]
+    """(64, 64, 64) logarithm of the likelihood ratio, by the upper six bits of R, G and B."""
+
+    face: NDArray[np.float32]
+    """(64, 64, 64) the same for the face."""
+
+    hand_separability: float
+    """Share of the hands' voxels that are recognized less that of other voxels; 0: the color
+    says nothing, 1: all."""
+
+    face_separability: float
+    """The same for the face."""
+
+
+def learn_skin(
+    frames: Sequence[SurfaceFrame],
+    joints: Mapping[str, NDArray[np.float64]],
+    stature_m: float,
+    settings: SkinSettings | None = None,
+) -> SkinModel:
+    """Return what color hands and face have.
+
+    Parameters
+    ----------
+    frames
+        In which the performer stands as the joints say: the frame of the initial model, and
+        frames near it while the arms are held.
+    joints : mapping of (3,) float64
+        Metres; those of `NEEDED_JOINTS`, by the names of the archive.
+    stature_m
+        The performer's height.
+    settings
+        Where skin is looked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no frame, a joint is missing or not finite, or the stature is not positive.
+    """
+    if not frames:
+        raise ValueError("skin was to be learned from no frame; give one with an initial model")
+    check_joints(joints, stature_m)
+    settings = settings or SkinSettings()
+    colors = [frame.color[frame.camera != NO_CAMERA] for frame in frames]
+    kinds = [
+        find_skin_parts(frame.center[frame.camera != NO_CAMERA], joints, stature_m, settings)
+        for frame in frames
+    ]
+    kind, cell = np.concatenate(kinds), _cells(np.concatenate(colors))
+    hand, face, other = (cell[kind == k] for k in (_HAND, _FACE, _OTHER))
+    hand_table, hand_known = _learn(hand, face, other, settings)
+    face_table, face_known = _learn(face, hand, other, settings)
+    steps = np.arange(2, 256, 4, dtype=np.uint8)
+    every = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    place = tuple(_cells(every).T)
+    if hand_known < settings.useless * face_known:  # unlike the face, or not in the hull at all
+        hand_table, hand_known = face_table, settings.useless * face_known
+    size = (64, 64, 64)
+    return SkinModel(
+        hand_table[place].reshape(size), face_table[place].reshape(size), hand_known, face_known
+    )
+
+
+def skin_ratio(
+    model: SkinModel, color: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the logarithms of how much likelier colors (..., 3) are on hands and on the face.
+
+    Where a voxel's color is not its own, the caller takes 0.
+    """
+    r, g, b = (color[..., channel] >> 2 for channel in range(3))
+    return model.hand[r, g, b], model.face[r, g, b]
+
+
+def is_skin(
+    model: SkinModel, color: NDArray[np.uint8], *, least_ratio: float = 1.0
+) -> NDArray[np.bool_]:
+    """Return where colors (..., 3) are skin: e or more times as likely on hands or face.
+
+    A model that cannot tell hands or face from clothes says so by its separability; what it
+    calls skin is then worth as little.
+    """
+    hand, face = skin_ratio(model, color)
+    return np.maximum(hand, face) > least_ratio
+
+
+def check_joints(joints: Mapping[str, NDArray[np.float64]], stature_m: float) -> None:
+    """Refuse an initial model without the joints that say where skin is."""
+    missing = [n for n in NEEDED_JOINTS if not np.isfinite(joints.get(n, np.nan)).all()]
+    if missing:
+        raise ValueError(
+            f"the initial model has no {', '.join(missing)}; give all of {', '.join(NEEDED_JOINTS)}"
+        )
+    if not (np.isfinite(stature_m) and stature_m > 0.0):
+        raise ValueError(f"stature_m {stature_m} must be positive; give metres")
+
+
+_OTHER, _HAND, _FACE, _UNSURE = range(4)
+
+
+def find_skin_parts(
+    center: NDArray[np.float64],
+    joints: Mapping[str, NDArray[np.float64]],
+    stature_m: float,
+    settings: SkinSettings,
+) -> NDArray[np.int8]:
+    """Return (voxel,) 1 on a hand, 2 on the front of the head, 3 on neither surely, else 0."""
+    kind = np.full(len(center), _OTHER, np.int8)
+    neck, head = np.asarray(joints["Neck"]), np.asarray(joints["Head"])
+    along, away = _along(center, neck, head)
+    front = np.cross(np.subtract(joints["LShoulder"], joints["RShoulder"]), head - neck)
+    front = front / max(float(np.linalg.norm(front)), 1e-9)
+    near = away < settings.head_radius * stature_m
+    ahead = (center - neck) @ front - along * float((head - neck) @ front)
+    kind[near & (along > 0.1) & (along < 1.2)] = _UNSURE
+    kind[near & (along > 0.35) & (along < 1.05) & (ahead < -0.02 * stature_m)] = _OTHER
+    kind[near & (along > 0.35) & (along < 0.85) & (ahead > 0.02 * stature_m)] = _FACE
+    for wrist, tip in HAND_JOINTS:
+        along, away = _along(center, np.asarray(joints[wrist]), np.asarray(joints[tip]))
+        near = away < settings.hand_radius * stature_m
+        kind[near & (along > -0.25) & (along < 1.5)] = _UNSURE
+        kind[near & (along > settings.hand_begins) & (along < 1.25)] = _HAND
+    return kind
+
+
+def _along(
+    center: NDArray[np.float64], begin: NDArray[np.float64], end: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the share of the way from begin to end of each point, and its distance from it."""
+    way = end - begin
+    along = (center - begin) @ way / max(float(way @ way), 1e-9)
+    return along, np.linalg.norm(center - begin - along[:, None] * way, axis=1)
+
+
+def _cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Return (color, 3) cells of the histograms: two chromaticities and lightness."""
+    r, g, b = np.asarray(color, np.float32).T
+    total = np.maximum(r + g + b, 24.0)  # black has no chromaticity
+    cells = np.stack([(r - g) / total, (r + g - 2.0 * b) / (2.0 * total)], axis=1) / _CHROMA_STEP
+    light = (0.3 * r + 0.59 * g + 0.11 * b) / _LIGHT_STEP
+    cells = np.floor(np.column_stack([cells, light]) + _ZERO).astype(np.intp)
+    return np.clip(cells, 0, np.subtract(_SHAPE, 1))
+
+
+def _histogram(cell: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Return how many colors fall into each cell, spread over the cells around it."""
+    count = np.bincount(np.ravel_multi_index(tuple(cell.T), _SHAPE), minlength=np.prod(_SHAPE))
+    return ndimage.gaussian_filter(count.reshape(_SHAPE).astype(np.float32), 0.8, truncate=3.0)
+
+
+def _ratio(
+    own: NDArray[np.float32], other: NDArray[np.float32], settings: SkinSettings
+) -> NDArray[np.float32]:
+    """Return the logarithm of the ratio of two distributions."""
+    share = [h / max(float(h.sum()), 1.0) + settings.floor for h in (own, other)]
+    ratio: NDArray[np.float32] = np.log(share[0] / share[1]).astype(np.float32)
+    return ratio.clip(settings.least, settings.most)
+
+
+def _learn(
+    own: NDArray[np.intp], lent: NDArray[np.intp], other: NDArray[np.intp], settings: SkinSettings
+) -> tuple[NDArray[np.float32], float]:
+    """Return the ratio of each cell, and how well it tells own colors from others.
+
+    What the other skin, `lent`, shares with one's own is taken in.
+    """
+    counts, others = _histogram(own), _histogram(other)
+    alike = _ratio(counts, others, settings)[tuple(lent.T)] > 0.0
+    ratio = _ratio(counts + _histogram(lent[alike]), others, settings)
+    return ratio, _separability(ratio, own, other)
+
+
+def _separability(
+    ratio: NDArray[np.float32], own: NDArray[np.intp], other: NDArray[np.intp]
+) -> float:
+    """Return the share of own colors that are recognized less that of others."""
+    if not len(own):
+        return 0.0
+    known = np.mean(ratio[tuple(own.T)] > 1.0)
+    mistaken = np.mean(ratio[tuple(other.T)] > 1.0) if len(other) else 0.0
+    return float(np.clip(known - mistaken, 0.0, 1.0))

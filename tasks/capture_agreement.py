@@ -1,0 +1,418 @@
+"""Whether the silhouettes of a capture agree with each other, with the cameras and the volume.
+
+A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
+are of one performer and the cameras stand where the calibration says. The share of a silhouette
+that the hull *explains* tells how far that holds; the cameras to blame are the fewest without
+which the others explain each other (leave-one-out consensus over visual hulls; the idea of RANSAC,
+Fischler and Bolles 1981, with all small subsets tried). Whether two films were exchanged is found
+by exchanging them.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.formats.reading import listed
+from tasks.geometry.hull_bounds import fitting_box, main_parts
+from tasks.geometry.projection import Projection, camera_centers
+from tasks.geometry.votes import (  # fmt: skip
+    Scene,
+    Votes,
+    collect_votes,
+    compare_hull,
+    hull_of,
+    make_scene,
+)
+from tasks.geometry.voxels import VoxelGrid
+
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """What is still agreement; shares are 0 to 1.
+
+    Measured on four rendered captures and a real one (`dancer8`), of the camera whose silhouette
+    is explained worst: 0.93 to 0.99 as they are; 0.61 and more where each camera is turned at
+    random by 2 pixels (normal, in each direction); 0.69 at most with two films exchanged; 0.49 to
+    0.66 with one camera panned by 2 degrees.
+    """
+
+    consistent: float = 0.85
+    """Cameras that explain all of each other's silhouettes so far agree."""
+    guilt: float = 2.5
+    """A camera is to blame when the hull of the others leaves so many times as much of its
+    silhouette unexplained as of theirs: 3 times with a camera turned by 5 degrees about its axis
+    (`dancer8`), 1.7 with all cameras turned a little."""
+    harmed: float = 0.7
+    """Where the others' silhouettes are explained less because of a camera to blame, it is a fault;
+    above, a note: the hull is a bit thin, or the camera sees something beside the performer."""
+    hopeless: float = 0.4
+    """Where no camera is to blame alone, less than this is a fault."""
+    most_of_picture: float = 0.5
+    """A silhouette that is more of the picture in half of the frames is a wrong background."""
+    outside: float = 0.02
+    """More of the hull outside the volume is a fault, less a note. Feet cut off at 0.4 m are 0.05;
+    an arm stretched out of it in one frame of 8 is 0.006."""
+    margin_m: float = 0.1
+    """Left around the hulls of the few frames in a volume that is proposed."""
+    min_cameras: int = 3
+    """As `CarvingSettings.min_cameras`: fewer silhouettes meet in more than a performer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What was found; the arrays are in the order of the cameras."""
+
+    faults: tuple[str, ...]
+    """What must be corrected before the capture is digitized, a sentence each."""
+    notes: tuple[str, ...]
+    """What should be known, a sentence each."""
+    silhouette: NDArray[np.float64]
+    """(camera,) share of the picture that is silhouette, mean of the frames."""
+    explained: NDArray[np.float64]
+    """(camera,) share of the silhouette that the hull of all cameras covers; NaN where unknown."""
+    overlap: NDArray[np.float64]
+    """(camera,) intersection over union of the silhouette and the hull of the others: both ways,
+    but the fewer cameras there are the larger their hull; NaN where unknown."""
+    empty: tuple[int, ...]
+    """Which of the frames have no hull in the volume."""
+
+
+@dataclass(frozen=True)
+class _Case:
+    """What all checks look at."""
+
+    scene: Scene
+    votes: list[Votes]
+    grid: VoxelGrid
+    names: Sequence[str]
+    usable: tuple[int, ...]
+    """The cameras whose silhouettes can be of a performer."""
+    settings: AgreementSettings
+
+
+def check_agreement(
+    silhouettes: NDArray[np.bool_],
+    projection: Projection,
+    grid: VoxelGrid,
+    names: Sequence[str],
+    settings: AgreementSettings = AgreementSettings(),
+) -> Agreement:
+    """Compare the silhouettes of a few frames with each other, the cameras and the volume.
+
+    Parameters
+    ----------
+    silhouettes : (time, camera, row, column) bool
+        Some 8 frames spread over the take; beside a smaller image, False.
+    projection
+        The cameras, in the same order.
+    grid
+        The volume.
+    names
+        What the cameras are called.
+    settings
+        What is still agreement.
+
+    Returns
+    -------
+    Agreement
+
+    Raises
+    ------
+    ValueError
+        If the silhouettes, cameras and names do not fit each other.
+    """
+    _check_arguments(silhouettes, projection, names)
+    pixels = projection.image_size.prod(axis=1)
+    share = silhouettes.sum(axis=(2, 3)) / pixels
+    unknown = np.full(projection.cameras, np.nan)
+    nothing = Agreement((), (), share.mean(axis=0), unknown, unknown, tuple(range(len(share))))
+    filled = np.median(share, axis=0) > settings.most_of_picture
+    usable = tuple(int(c) for c in np.flatnonzero(share.any(axis=0) & ~filled))
+    faults = [_filled_fault(names[c], share[:, c]) for c in map(int, np.flatnonzero(filled))]
+    blind = [int(c) for c in np.flatnonzero(~share.any(axis=0))]
+    if len(usable) < settings.min_cameras:
+        said = _too_few_fault([names[c] for c in blind], len(usable), settings)
+        return replace(nothing, faults=(*faults, said))
+    case = _make_case(silhouettes, projection, grid, names, usable, settings)
+    notes: list[str] = []
+    _judge_blind(case, blind, faults, notes)
+    explained, overlap = unknown.copy(), unknown.copy()
+    for c in usable:
+        explained[c] = _explained(case, usable, c)
+        overlap[c] = _overlap(case, c)
+    trusted = _judge_cameras(case, explained, faults, notes)
+    empty = _empty_frames(case)
+    if trusted:
+        found = _judge_volume(case, trusted, faults, notes)
+        _judge_hulls(share, empty, found and not faults, faults, notes)
+    return Agreement(
+        tuple(faults), tuple(notes), nothing.silhouette, explained, overlap, tuple(empty)
+    )
+
+
+def _check_arguments(
+    silhouettes: NDArray[np.bool_], projection: Projection, names: Sequence[str]
+) -> None:
+    """Refuse arrays that are not of these cameras."""
+    count = projection.cameras
+    columns, rows = projection.image_size.max(axis=0)
+    wanted = (count, int(rows), int(columns))
+    if silhouettes.dtype != np.bool_ or silhouettes.ndim != 4 or silhouettes.shape[1:] != wanted:
+        raise ValueError(
+            f"silhouettes are {silhouettes.dtype} of shape {silhouettes.shape}, but (time, "
+            f"{', '.join(map(str, wanted))}) bool is wanted for these cameras"
+        )
+    if not len(silhouettes) or len(names) != count:
+        raise ValueError(
+            f"{len(silhouettes)} frames and {len(names)} names are given for {count} cameras; "
+            "give a frame at least, and a name each"
+        )
+
+
+def _make_case(
+    silhouettes: NDArray[np.bool_],
+    projection: Projection,
+    grid: VoxelGrid,
+    names: Sequence[str],
+    usable: tuple[int, ...],
+    settings: AgreementSettings,
+) -> _Case:
+    """Return the votes of all that the cameras see together, far beyond the volume."""
+    low, high = _corners(grid)
+    centers = camera_centers(projection)
+    least, most = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
+    half = np.maximum(most - least, (most - least).max() / 2) / 2
+    scene = make_scene(silhouettes, projection, tuple((low + high) / 2), usable)
+    votes = collect_votes(
+        scene, (least + most) / 2 - half, (least + most) / 2 + half,
+        min_cameras=settings.min_cameras,
+    )  # fmt: skip
+    return _Case(scene, votes, grid, names, usable, settings)
+
+
+def _corners(grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and the highest corner of a volume."""
+    low = np.array(grid.origin_m) - grid.voxel_m / 2
+    return low, low + np.array(grid.shape) * grid.voxel_m
+
+
+def _hull(case: _Case, votes: Votes, cameras: Sequence[int]) -> NDArray[np.bool_]:
+    return hull_of(votes, cameras, case.settings.min_cameras)
+
+
+def _explained(case: _Case, cameras: Sequence[int], camera: int) -> float:
+    """Return the share of a camera's silhouettes that the hull of some cameras covers."""
+    return compare_hull(case.scene, case.votes, cameras, camera, case.settings.min_cameras)[0]
+
+
+def _overlap(case: _Case, camera: int) -> float:
+    """Return intersection over union of a camera's silhouettes and the hull of the others."""
+    others = [c for c in case.usable if c != camera]
+    return compare_hull(case.scene, case.votes, others, camera, case.settings.min_cameras)[1]
+
+
+def _judge_blind(case: _Case, blind: Sequence[int], faults: list[str], notes: list[str]) -> None:
+    """Say which cameras see nobody, and whether they should."""
+    should, need_not = [], []
+    for c in blind:
+        hulls = [(votes, _hull(case, votes, case.usable)) for votes in case.votes]
+        size = sum(int(hull.sum()) for _, hull in hulls)
+        filmed = sum(int((votes.pixel[c, hull] >= 0).sum()) for votes, hull in hulls)
+        (should if filmed >= 0.1 * size else need_not).append(case.names[c])
+    if should:
+        faults.append(
+            f"camera {listed(should)} sees nobody in any of the {len(case.votes)} frames looked "
+            "at, although the others do: its film or its background is of something else, or its "
+            "background was filmed with the performer in it"
+        )
+    if need_not:
+        notes.append(
+            f"Camera {listed(need_not)} sees nobody in the {len(case.votes)} frames looked at: "
+            "the performer is beside its picture."
+        )
+
+
+def _judge_cameras(
+    case: _Case,
+    explained: NDArray[np.float64],
+    faults: list[str],
+    notes: list[str],
+) -> tuple[int, ...]:
+    """Say which cameras disagree; return those that agree, none where that is not known."""
+    usable = case.usable
+    worst = min(float(explained[c]) for c in usable)
+    if worst >= case.settings.consistent:
+        return usable
+    blamed = _to_blame(case, worst)
+    others = tuple(c for c in usable if c not in blamed)
+    harm = min(float(explained[c]) for c in (others or usable))
+    exchanged = None
+    if harm < case.settings.harmed and (len(blamed) == 2 or (not blamed and len(usable) < 5)):
+        pairs = [blamed] if blamed else combinations(usable, 2)
+        exchanged = _exchanged(case, pairs)
+    if exchanged:
+        one, other = (case.names[c] for c in exchanged)
+        faults.append(
+            f"the films of camera {one!r} and {other!r} are exchanged, or their calibrations: as "
+            f"they are, only {harm:.0%} of a silhouette is explained by the others; rename them"
+        )
+        return others if blamed else ()
+    if blamed:
+        said = _blame(case, blamed, explained)
+        if harm < case.settings.harmed:
+            faults.append(said)
+        else:
+            notes.append(said[0].upper() + said[1:] + ".")
+        return others
+    return _judge_all(case, worst, faults, notes)
+
+
+def _to_blame(case: _Case, worst: float) -> tuple[int, ...]:
+    """Return the fewest cameras without which the others explain each other; none if no such."""
+    for count in (1, 2):
+        found = []
+        for blamed in combinations(case.usable, count):
+            others = [c for c in case.usable if c not in blamed]
+            if len(others) >= case.settings.min_cameras:
+                found.append((_least_explained(case, others), blamed, others))
+        best, blamed, others = max(found, default=(0.0, (), ()))
+        own = max((_explained(case, others, c) for c in blamed), default=1.0)
+        # leaving out a camera always helps a little; who is to blame caused most of the loss
+        caused = 1 - best <= 0.5 * (1 - worst) and 1 - own >= case.settings.guilt * (1 - best)
+        if best >= case.settings.consistent and caused:
+            return blamed
+    return ()
+
+
+def _least_explained(case: _Case, cameras: Sequence[int]) -> float:
+    return min(_explained(case, cameras, c) for c in cameras)
+
+
+def _exchanged(case: _Case, pairs: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
+    """Return the pair of cameras whose films, exchanged, let all cameras agree; none if no such."""
+    size = case.scene.projection.image_size
+    for pair in pairs:
+        if (size[pair[0]] != size[pair[1]]).any():
+            continue
+        order = np.arange(len(case.names))
+        order[list(pair)] = pair[::-1]
+        exchanged = case.scene.silhouettes[:, order]
+        trial = _make_case(
+            exchanged, case.scene.projection, case.grid, case.names, case.usable, case.settings
+        )
+        if _least_explained(trial, case.usable) >= case.settings.consistent:
+            return pair
+    return ()
+
+
+def _blame(case: _Case, blamed: tuple[int, ...], explained: NDArray[np.float64]) -> str:
+    """Return the sentence on cameras that disagree with the others."""
+    others = [c for c in case.usable if c not in blamed]
+    with_them = min(explained[c] for c in others)
+    own = " and ".join(f"{_explained(case, others, c):.0%}" for c in blamed)
+    names = listed([case.names[c] for c in blamed])
+    does, its, was = (
+        ("disagrees", "its", "was") if len(blamed) == 1 else ("disagree", "their", "were")
+    )
+    return (
+        f"camera {names} {does} with the others, whose hull explains {own} of {its} silhouette, "
+        f"and of one of the others {_least_explained(case, others):.0%} without and "
+        f"{with_them:.0%} with {its} silhouette: {names} {was} moved after calibration, or shows "
+        "another film, another moment, or more than the performer; calibrate again or leave it out"
+    )
+
+
+def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -> tuple[int, ...]:
+    """Say how far all cameras agree where none is to blame alone; return who can be trusted."""
+    said = f"the hull of all cameras explains only {least:.0%} of a silhouette"
+    if len(case.usable) > case.settings.min_cameras:
+        without = {c: [o for o in case.usable if o != c] for c in case.usable}
+        best, worst = max((_least_explained(case, without[c]), c) for c in case.usable)
+        said += f", and {best:.0%} without camera {case.names[worst]!r}, which disagrees most"
+    if least < case.settings.hopeless:
+        faults.append(
+            f"{said}: films and calibrations of several cameras are mixed up, or the films do not "
+            "begin at the same moment"
+        )
+        return ()
+    notes.append(
+        f"{said[0].upper()}{said[1:]}: the calibration is off by some pixels, or the silhouettes "
+        "are; thin limbs will be missing."
+    )
+    return case.usable
+
+
+def _inside(points: NDArray[np.float64], grid: VoxelGrid, beyond_m: float) -> NDArray[np.bool_]:
+    low, high = _corners(grid)
+    inside = (points >= low - beyond_m) & (points <= high + beyond_m)
+    return np.asarray(inside.all(axis=1))
+
+
+def _empty_frames(case: _Case) -> list[int]:
+    """Return the frames in which the hull of all cameras has no voxel in the volume."""
+    empty = []
+    for frame, votes in enumerate(case.votes):
+        points = votes.points[_hull(case, votes, case.usable)]
+        if not _inside(points, case.grid, 0.0).any():
+            empty.append(frame)
+    return empty
+
+
+def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> bool:
+    """Say how much of the hull is outside the volume; return whether there is any hull."""
+    hulls = [
+        main_parts(votes.points[_hull(case, votes, trusted)], case.scene.voxel_m)
+        for votes in case.votes
+    ]
+    points = np.concatenate(hulls)
+    if not len(points):
+        return False
+    share = float((~_inside(points, case.grid, case.scene.voxel_m)).mean())
+    if share == 0.0:
+        return True
+    floor_m = float(_corners(case.grid)[0][1])
+    center, size = fitting_box(points, floor_m, case.settings.margin_m)
+    said = (
+        f"{share:.1%} of the performer is outside the volume; center_m = {center} and size_m = "
+        f"{size} under [volume] would hold all that was seen"
+    )
+    if share > case.settings.outside:
+        faults.append(said)
+    else:
+        notes.append(f"{said}.")
+    return True
+
+
+def _judge_hulls(
+    share: NDArray[np.float64], empty: Sequence[int], agreed: bool, faults: list[str],
+    notes: list[str],
+) -> None:  # fmt: skip
+    """Say in how many frames nothing is carved."""
+    if not empty or not agreed:
+        return
+    nobody = int((~share.any(axis=1)).sum())
+    said = f"Nothing is carved in {len(empty)} of the {len(share)} frames looked at"
+    if len(empty) == len(share):
+        faults.append(f"nothing is carved in any of the {len(share)} frames looked at")
+    elif nobody == len(empty):
+        notes.append(f"{said}: nobody is seen there.")
+    else:
+        notes.append(f"{said}; they are stored as empty.")
+
+
+def _filled_fault(name: str, share: NDArray[np.float64]) -> str:
+    return (
+        f"the silhouette of camera {name!r} is {np.median(share):.0%} of its picture: its "
+        "background is of another scene, exposure or camera; film it again with the same settings"
+    )
+
+
+def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings) -> str:
+    seen = f"camera {listed(blind)} sees nobody" if blind else "the others cannot be used"
+    return (
+        f"{seen} in any of the frames looked at, and {usable} cameras are left, where at least "
+        f"{settings.min_cameras} are wanted: look at the films and backgrounds"
+    )

@@ -1,0 +1,46 @@
+"""How much room a hull takes, from the voxels of some frames."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+
+def main_parts(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
+    """Return the voxels (voxel, 3) of a hull without the scraps that silhouettes leave elsewhere.
+
+    Parts nearer to each other than three voxels are one; a scrap has less than a twentieth.
+    """
+    if not len(points):
+        return points
+    pairs = KDTree(points).query_pairs(3.1 * voxel_m, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), [len(points)] * 2)
+    _, part = connected_components(graph, directed=False)
+    return points[np.bincount(part)[part] >= 0.05 * len(points)]
+
+
+def fitting_box(
+    points: NDArray[np.float64], floor_m: float, margin_m: float
+) -> tuple[list[float], list[float]]:
+    """Return a box around voxels whose sides lie on tenths of a metre.
+
+    Parameters
+    ----------
+    points : (voxel, 3) float64
+        Centers, y up, m.
+    floor_m
+        Where the floor probably is: who stands on it needs no room below.
+    margin_m
+        Left on the other sides.
+
+    Returns
+    -------
+    center_m, size_m : list of three float
+    """
+    low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+    if low[1] < floor_m <= points[:, 1].min() + margin_m:
+        low[1] = floor_m
+    low, high = np.floor(low * 10 + 1e-6) / 10, np.ceil(high * 10 - 1e-6) / 10
+    center, size = (low + high) / 2, high - low
+    return [round(float(v), 2) + 0.0 for v in center], [round(float(v), 1) for v in size]

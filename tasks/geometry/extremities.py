@@ -65,13 +65,14 @@ class ExtremitySettings:
     together: float = 1.6
     """Cost of a frame in which both hands are one lump."""
 
-    at_face: float = 1.0
+    at_face: float = 2.0
     """Cost of a frame in which a hand is where the face is, which is skin without it."""
 
     at_face_within: float = 0.06
-    """How near the face a lump may well be the face itself: half a head's depth."""
+    """How near the face a lump may well be the face itself, half a head's depth; at twice that
+    it surely is not."""
 
-    side: float = 0.2
+    side: float = 0.07
     """Cost of a frame in which a hand is as far on the other side as hands typically are on
     their own. Taken alone, it would be 2: but what a frame says of sides, the next repeats."""
 
@@ -290,11 +291,14 @@ def _hand_costs(
         lacking = settings.no_skin * (
             1.0 - np.clip(frame.hand_skin / settings.some_skin, 0.0, 1.0)
         ) + settings.little_skin * (1.0 - np.clip(frame.hand_skin, 0.0, 1.0))
-        at_face = np.linalg.norm(spot - seen, axis=1) < settings.at_face_within
+        at_face = 2.0 - np.linalg.norm(spot - seen, axis=1) / settings.at_face_within
         reach = np.linalg.norm(spot - seen - below, axis=1)
         beyond = np.maximum(reach - arm - settings.reach_slack, 0.0) / settings.reach_slack
         costs.append(
-            known * lacking + no_end * ~frame.hand_end + settings.at_face * at_face + beyond**2
+            known * lacking
+            + no_end * ~frame.hand_end
+            + settings.at_face * np.clip(at_face, 0.0, 1.0)
+            + beyond**2
         )
     return costs
 

@@ -36,6 +36,15 @@ class Motion:
     jump: float = 8.0
     """The most that a way may cost more than standing still, in nats."""
 
+    settled_s: float = 0.1
+    """A movement goes on for this long at most: dancers' hands turn within it."""
+
+    lasting: float = 0.7
+    """How much of its velocity a point that is not seen keeps, each frame."""
+
+    alone: float = 0.09
+    """Two points that are nearer may be one: a hand's length."""
+
     ghosts: int = 6
     """Places at which an unseen point is remembered."""
 
@@ -50,6 +59,8 @@ class _Slots:
     """(slot,) frames since it was seen; 0: a candidate."""
     parent: NDArray[np.intp]
     """(slot,) a ghost's slot in the frame before; -1: a candidate."""
+    velocity: Floats
+    """(slot, 3) statures a second, by the best way there."""
 
 
 def best_paths(
@@ -111,22 +122,29 @@ class _Chain:
         self.moves: list[tuple[Floats, Floats]] = []
         self.costs: list[Floats] = []
         self.totals: list[Floats] = []
-        seed = tuple(_Slots(s[None], np.zeros(1, np.intp), np.full(1, -1, np.intp)) for s in start)
+        seed = tuple(
+            _Slots(s[None], np.zeros(1, np.intp), np.full(1, -1, np.intp), np.zeros((1, 3)))
+            for s in start
+        )
         best = np.zeros((1, 1))
         before = seed
         for t in order:
             after, moves, own = [], [], []
             for point in range(2):
-                slots = self._open(before[point], best.min(axis=1 - point), place[point][t])
+                alone = best.min(axis=1 - point)
+                slots = self._open(before[point], alone, place[point][t])
                 after.append(slots)
                 moves.append(self._moves(before[point], slots))
+                self._aim(before[point], slots, alone[:, None] + moves[point])
                 ghosts = len(slots.place) - len(place[point][t])
                 own.append(np.concatenate([cost[point][t], np.full(ghosts, unseen[point])]))
             total = own[0][:, None] + own[1][None]
-            shared = min(len(place[0][t]), len(place[1][t])) if together else 0
-            total[np.arange(shared), np.arange(shared)] += together
+            right, left = len(place[0][t]), len(place[1][t])
+            if together and right and left:
+                way = np.linalg.norm(place[0][t][:, None] - place[1][t][None], axis=2)
+                close = np.maximum(1.0 - (way / motion.alone) ** 2, 0.0)
+                total[:right, :left] += together * close
             best = _min_plus(_min_plus(moves[0].T, best), moves[1]) + total
-            best -= 0.0
             self.slots.append((after[0], after[1]))
             self.moves.append((moves[0], moves[1]))
             self.costs.append(total)
@@ -140,18 +158,30 @@ class _Chain:
             np.concatenate([place, before.place[kept]]),
             np.concatenate([np.zeros(len(place), np.intp), before.unseen[kept] + 1]),
             np.concatenate([np.full(len(place), -1, np.intp), kept]),
+            np.concatenate([np.zeros_like(place), self.motion.lasting * before.velocity[kept]]),
         )
+
+    def _aim(self, before: _Slots, after: _Slots, cost: Floats) -> None:
+        """Write the velocity at which the best way comes to each candidate."""
+        seen = np.flatnonzero(after.parent < 0)
+        source = np.argmin(cost[:, seen], axis=0)
+        time_s = self.step_s * (before.unseen[source] + 1.0)
+        way = after.place[seen] - before.place[source]
+        after.velocity[seen] = way / time_s[:, None]
 
     def _moves(self, before: _Slots, after: _Slots) -> Floats:
         """Return (slot before, slot after) what each way costs."""
         motion = self.motion
-        way = np.linalg.norm(before.place[:, None] - after.place[None], axis=2)
         time_s = self.step_s * (before.unseen + 1.0)[:, None]
+        straight = after.place[None] - before.place[:, None]
+        way = np.linalg.norm(straight, axis=2)
+        carried = before.velocity * np.minimum(time_s, motion.settled_s)
+        off = np.minimum(way, np.linalg.norm(straight - carried[:, None], axis=2))
         one_step = np.hypot(np.sqrt(2.0) * motion.noise, motion.speed * self.step_s)
         spread = np.hypot(
             np.sqrt(2.0) * motion.noise, np.minimum(motion.speed * time_s, motion.widest)
         )
-        cost = np.minimum(0.5 * (way / spread) ** 2, motion.jump)
+        cost = np.minimum(0.5 * (off / spread) ** 2, motion.jump)
         cost = cost + 3.0 * np.log(np.maximum(spread / one_step, 1.0))
         cost[way > motion.fastest * time_s + 4.0 * motion.noise] = np.inf
         is_ghost = after.parent >= 0

@@ -220,19 +220,19 @@ def _cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
     return np.clip(cells, 0, np.subtract(_SHAPE, 1))
 
 
-def _histogram(cell: NDArray[np.intp]) -> NDArray[np.float32]:
+def _histogram(cell: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return how many colors fall into each cell, spread over the cells around it."""
     count = np.bincount(np.ravel_multi_index(tuple(cell.T), _SHAPE), minlength=np.prod(_SHAPE))
-    return ndimage.gaussian_filter(count.reshape(_SHAPE).astype(np.float32), 0.8, truncate=3.0)
+    return ndimage.gaussian_filter(count.reshape(_SHAPE).astype(np.float64), 0.8, truncate=3.0)
 
 
 def _ratio(
-    own: NDArray[np.float32], other: NDArray[np.float32], settings: SkinSettings
+    own: NDArray[np.float64], other: NDArray[np.float64], settings: SkinSettings
 ) -> NDArray[np.float32]:
     """Return the logarithm of the ratio of two distributions."""
     share = [h / max(float(h.sum()), 1.0) + settings.floor for h in (own, other)]
-    ratio: NDArray[np.float32] = np.log(share[0] / share[1]).astype(np.float32)
-    return ratio.clip(settings.least, settings.most)
+    logarithm = np.log(share[0]) - np.log(share[1])
+    return np.clip(logarithm, settings.least, settings.most).astype(np.float32)
 
 
 def _learn(

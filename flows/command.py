@@ -157,7 +157,9 @@ def _add_upkeep(commands: Any) -> None:
         metavar="HOURS",
         help="leave alone what somebody may still write or read (default 24)",
     )
-    _command(commands, "doctor", _doctor, "say what is wrong with this installation")
+    doctor = _command(commands, "doctor", _doctor, "say what is wrong with an installation")
+    doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
+    doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -277,7 +279,13 @@ def _collect_garbage(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _doctor(_: argparse.Namespace) -> int:
+def _doctor(options: argparse.Namespace) -> int:
+    if options.captures:
+        from flows.capture_doctor import examine_captures
+
+        into = Path(options.out) if options.out else None
+        good = examine_captures(options.captures, into, printing.print_line, printing.say)
+        return DONE if good else BAD_INPUT
     from flows.doctor import examine_installation
 
     findings = examine_installation()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from storage.formats.reading import listed
 from tasks.geometry.hull_bounds import fitting_box, main_parts
 from tasks.geometry.projection import Projection, camera_centers
-from tasks.geometry.votes import (  # fmt: skip
+from tasks.geometry.votes import (
     Scene,
     Votes,
     collect_votes,
@@ -48,7 +48,7 @@ class AgreementSettings:
     harmed: float = 0.7
     """Where the others' silhouettes are explained less because of a camera to blame, it is a fault;
     above, a note: the hull is a bit thin, or the camera sees something beside the performer."""
-    hopeless: float = 0.4
+    hopeless: float = 0.5
     """Where no camera is to blame alone, less than this is a fault."""
     most_of_picture: float = 0.5
     """A silhouette that is more of the picture in half of the frames is a wrong background."""
@@ -279,7 +279,7 @@ def _to_blame(case: _Case, worst: float) -> tuple[int, ...]:
             if len(others) >= case.settings.min_cameras:
                 found.append((_least_explained(case, others), blamed, others))
         best, blamed, others = max(found, default=(0.0, (), ()))
-        own = max((_explained(case, others, c) for c in blamed), default=1.0)
+        own = np.mean([_explained(case, others, c) for c in blamed] or [1.0])
         # leaving out a camera always helps a little; who is to blame caused most of the loss
         caused = 1 - best <= 0.5 * (1 - worst) and 1 - own >= case.settings.guilt * (1 - best)
         if best >= case.settings.consistent and caused:

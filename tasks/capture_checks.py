@@ -120,10 +120,58 @@ def draw_camera_check(
         tip = middle + settings.arrow_m * np.eye(3)[axis]
         _draw(image, camera, larger, middle, tip, color, 3.0)
     picture = finish(image)
+    _write_title(picture, title)
+    return picture
+
+
+def draw_silhouette(
+    frame: NDArray[np.uint8],
+    silhouette: NDArray[np.bool_],
+    *,
+    title: str = "",
+    settings: CheckSettings = CheckSettings(),
+) -> Image:
+    """Draw the outline of a silhouette over the frame that it was found in.
+
+    Parameters
+    ----------
+    frame : (row, column, 3) uint8
+        RGB, as filmed.
+    silhouette : (row, column) bool
+        Of the same frame.
+    title : str
+        Written above the picture.
+
+    Returns
+    -------
+    (row, column, 3) uint8
+        RGB, larger than the frame where that is small.
+
+    Raises
+    ------
+    ValueError
+        Where the silhouette is not of the frame's size.
+    """
+    if silhouette.shape != frame.shape[:2]:
+        raise ValueError(
+            f"the silhouette has shape {silhouette.shape}, but the frame {frame.shape[:2]}; bring "
+            "those of one camera"
+        )
+    larger = -(-settings.smallest_width // frame.shape[1])
+    size = (frame.shape[1] * larger, frame.shape[0] * larger)
+    picture = np.array(cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+    inside = cv2.resize(silhouette.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    lines, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, lines, -1, RED, 2, cv2.LINE_AA)
+    _write_title(picture, title)
+    return picture
+
+
+def _write_title(picture: Image, title: str) -> None:
+    """Write a line above a picture."""
     if title:
         cv2.rectangle(picture, (0, 0), (picture.shape[1], 24), PAPER, cv2.FILLED)
         draw_text(picture, title, (8, 18), 15, INK)
-    return picture
 
 
 def _floor_lines(volume: Volume, grid_m: float) -> list[tuple[NDArray, NDArray]]:

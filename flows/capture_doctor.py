@@ -1,0 +1,240 @@
+"""Examine a capture before it is digitized: files, silhouettes, and a picture per camera."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.errors import InputError
+from storage.formats.camera import Camera
+from storage.formats.capture import Capture, read_capture
+from storage.formats.footage import read_picture
+from storage.formats.video import PICTURE_SUFFIXES, Video, open_video, read_blocks, read_frames
+from tasks.capture_agreement import Agreement, check_agreement
+from tasks.capture_checks import draw_capture_checks, draw_silhouette
+from tasks.geometry.background import Background, make_background, measure_gain, smooth
+from tasks.geometry.projection import Projection
+from tasks.geometry.voxels import volume_grid
+from tasks.silhouettes import extract_silhouettes
+
+_LOOKED_AT = 8
+"""Frames of a take."""
+_WITHIN_S = 60.0
+"""From the beginning: a film with one key frame is decoded from there to each frame."""
+_BLOCK = 16
+_BACKGROUND_FRAMES = 25
+_DARKEST, _BRIGHTEST = 0.7, 1.4
+"""Times as bright as its background a film may be before it is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What was found of a capture that can be read."""
+
+    capture: Capture
+    agreement: Agreement
+    notes: tuple[str, ...]
+    pictures: tuple[Path, ...]
+
+
+def examine_captures(
+    folders: Sequence[str],
+    into: Path | None,
+    report: Callable[[str], None],
+    say: Callable[[str], None],
+) -> bool:
+    """Examine captures one after another, and return whether all are good.
+
+    Parameters
+    ----------
+    folders
+        The captures.
+    into
+        As for `examine_capture`; of several captures each has a folder of its own there.
+    report, say
+        Called with each line of a report, and with what is wrong with files.
+    """
+    good = True
+    for folder in map(Path, folders):
+        own = into / folder.resolve().name if into and len(folders) > 1 else into
+        try:
+            found = examine_capture(folder, own)
+        except InputError as error:
+            say(f"shosa: {error}")
+            good = False
+            continue
+        for line in report_lines(found):
+            report(line)
+        good = good and not found.agreement.faults
+    return good
+
+
+def examine_capture(folder: Path, into: Path | None = None) -> Examination:
+    """Examine a capture, and draw what its cameras see.
+
+    Parameters
+    ----------
+    folder
+        The capture.
+    into
+        The folder for the pictures: the volume and the floor over each background, and the
+        silhouette over a frame of each film. By default `<name of the capture>-doctor` in the
+        working directory.
+
+    Raises
+    ------
+    InputError
+        With all that is wrong with the files, a line each; or a film, named by its camera,
+        cannot be decoded to its end.
+    """
+    capture = read_capture(folder)
+    into = into or Path(f"{folder.resolve().name}-doctor")
+    if into.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{into} is within the capture, which is left as it is; choose another")
+    backgrounds = [
+        _of_camera(camera, lambda path=path: _background(path))
+        for camera, path in zip(capture.cameras, capture.backgrounds, strict=True)
+    ]
+    frames = _sampled_frames(capture)
+    silhouettes, gains = _silhouettes(frames, backgrounds)
+    volume = capture.volume
+    grid = volume_grid(volume.center_m, volume.size_m, volume.voxel_m)
+    names = [camera.name for camera in capture.cameras]
+    agreement = check_agreement(silhouettes, projection_of(capture.cameras), grid, names)
+    notes = _gain_notes(names, gains)
+    pictures = _draw(capture, frames, silhouettes, into)
+    return Examination(capture, agreement, (*agreement.notes, *notes), pictures)
+
+
+def projection_of(cameras: Sequence[Camera]) -> Projection:
+    """Return the cameras of a capture as arrays."""
+    distortion = np.zeros((len(cameras), 8))
+    for row, camera in zip(distortion, cameras, strict=True):
+        row[: len(camera.distortion)] = camera.distortion
+    pose = [np.column_stack([camera.rotation, camera.translation]) for camera in cameras]
+    return Projection(
+        np.stack(pose),
+        np.stack([camera.intrinsics for camera in cameras]),
+        distortion,
+        np.array([(camera.width, camera.height) for camera in cameras]),
+    )
+
+
+def report_lines(found: Examination) -> list[str]:
+    """Return what was found as lines of text: a table of the cameras, notes, faults or "ok"."""
+    capture, agreement = found.capture, found.agreement
+    lines = [
+        f"{capture.folder}: {len(capture.cameras)} cameras, {capture.frames} frames at "
+        f"{capture.fps:g} Hz",
+        f"{'camera':16} {'image':>10} {'sees':>6} {'silhouette':>11} {'explained':>10} "
+        f"{'overlap':>8}",
+    ]
+    for n, camera in enumerate(capture.cameras):
+        lines.append(
+            f"{camera.name:16} {f'{camera.width}x{camera.height}':>10} "
+            f"{capture.seen_share[n]:6.0%} {agreement.silhouette[n]:11.1%} "
+            f"{_share(agreement.explained[n]):>10} {_share(agreement.overlap[n]):>8}"
+        )
+    lines += [f"note: {note}" for note in (*capture.notes, *found.notes)]
+    lines += [f"BAD {fault}" for fault in agreement.faults]
+    lines.append(f"pictures: {found.pictures[0].parent}")
+    if not agreement.faults:
+        lines.append("ok")
+    return lines
+
+
+def _share(share: float) -> str:
+    return "-" if np.isnan(share) else f"{share:.0%}"
+
+
+def _of_camera(camera: Camera, read: Callable[[], Any]) -> Any:
+    """Read something of a camera; what is wrong with it is said with the camera's name."""
+    try:
+        return read()
+    except InputError as error:
+        raise InputError(f"camera {camera.name!r}: {error}") from error
+
+
+def _background(path: Path) -> Background:
+    """Return the background of a camera, from a picture or from frames all over a film."""
+    if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
+        return make_background(read_picture(path)[None])
+    video = open_video(path)
+    chosen = np.unique(np.linspace(0, video.frames - 1, _BACKGROUND_FRAMES).round().astype(int))
+    return make_background(np.concatenate([read_frames(video, int(n), int(n) + 1) for n in chosen]))
+
+
+def _sampled_frames(capture: Capture) -> list[NDArray[np.uint8]]:
+    """Return a few frames (time, row, column, 3) of each camera, decoding each film once."""
+    videos = [
+        _of_camera(camera, lambda path=path: open_video(path))
+        for camera, path in zip(capture.cameras, capture.videos, strict=True)
+    ]
+    end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
+    chosen = set(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int).tolist())
+    return [
+        _of_camera(camera, lambda video=video: _chosen(video, chosen, end))
+        for camera, video in zip(capture.cameras, videos, strict=True)
+    ]
+
+
+def _chosen(video: Video, chosen: set[int], end: int) -> NDArray[np.uint8]:
+    """Return some frames of a film, read through from its beginning."""
+    found = []
+    for start, (frames,) in read_blocks([video], block=_BLOCK, end=end):
+        found += [frame.copy() for n, frame in enumerate(frames, start) if n in chosen]
+    return np.stack(found)
+
+
+def _silhouettes(
+    frames: Sequence[NDArray[np.uint8]], backgrounds: Sequence[Background]
+) -> tuple[NDArray[np.bool_], list[float]]:
+    """Return (time, camera, row, column) silhouettes, and how bright each film is."""
+    rows, columns = (max(each.shape[axis] for each in frames) for axis in (1, 2))
+    silhouettes = np.zeros((len(frames[0]), len(frames), rows, columns), np.bool_)
+    gains = []
+    for n, (each, background) in enumerate(zip(frames, backgrounds, strict=True)):
+        silhouettes[:, n, : each.shape[1], : each.shape[2]] = extract_silhouettes(each, background)
+        gains.append(float(np.median([measure_gain(smooth(f), background) for f in each])))
+    return silhouettes, gains
+
+
+def _gain_notes(names: Sequence[str], gains: Sequence[float]) -> tuple[str, ...]:
+    """Say which films are much brighter or darker than their backgrounds."""
+    return tuple(
+        f"The film of camera {name!r} is {gain:.2f} times as bright as its background: film both "
+        "with the same exposure."
+        for name, gain in zip(names, gains, strict=True)
+        if not _DARKEST <= gain <= _BRIGHTEST
+    )
+
+
+def _draw(
+    capture: Capture,
+    frames: Sequence[NDArray[np.uint8]],
+    silhouettes: NDArray[np.bool_],
+    into: Path,
+) -> tuple[Path, ...]:
+    """Write two pictures a camera side by side, and return where."""
+    into.mkdir(parents=True, exist_ok=True)
+    middle = len(silhouettes) // 2
+    written = []
+    for n, (name, check) in enumerate(draw_capture_checks(capture).items()):
+        frame = frames[n][middle]
+        silhouette = np.ascontiguousarray(
+            silhouettes[middle, n, : frame.shape[0], : frame.shape[1]]
+        )
+        beside = draw_silhouette(frame, silhouette, title=f"{name}: the silhouette found")
+        path = into / f"{name}.png"
+        _write_picture(path, np.concatenate([check, beside], axis=1))
+        written.append(path)
+    return tuple(written)
+
+
+def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    path.write_bytes(data.tobytes())

@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from storage.errors import ArchiveError, InputError, UnknownNameError
@@ -22,6 +23,7 @@ from storage.publication import (
 
 if TYPE_CHECKING:
     import xarray
+    import zarr
 
 ARCHIVE_FORMAT = 1
 _MARK = "archive.json"
@@ -52,13 +54,70 @@ class Take:
     @property
     def motion(self) -> "xarray.Dataset":
         """`position (time, joint, space)` in metres and `filled (time, joint)`, read on use."""
+        return self._group("motion")
+
+    @property
+    def cameras(self) -> "xarray.Dataset":
+        """`intrinsics`, `distortion`, `rotation`, `translation` and `image_size` a camera."""
+        return self._group("cameras")
+
+    @cached_property
+    def silhouettes(self) -> "xarray.DataArray":
+        """`(time, camera, row, column)` bool in the pixels of the videos, read on use."""
+        from storage.voxel_arrays import open_silhouettes
+
+        self._check_stage("silhouettes")
+        return open_silhouettes(self.place, self.folder)
+
+    def voxels(self, frame: int) -> "xarray.Dataset":
+        """Return the performer's voxels in a frame, in the order of their numbers.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over `voxel`: `center (voxel, space)` m, `index (voxel, axis)`, `is_surface`,
+            `color (voxel, rgb)` and `camera` (zero and 255 but on the surface), and `label` and
+            `provisional_label` where these stages have run.
+
+        Raises
+        ------
+        ArchiveError
+            If the take has no voxels.
+        IndexError
+            If there is no such frame.
+        """
+        from storage.voxel_arrays import read_voxels
+
+        return read_voxels(self._voxels, frame)
+
+    def occupied(self, frame: int) -> "xarray.DataArray":
+        """Return the dense view `(x, y, z)` bool of a frame; raises as `voxels`."""
+        from storage.voxel_arrays import read_occupied
+
+        return read_occupied(self._voxels, frame)
+
+    @cached_property
+    def _voxels(self) -> "zarr.Group":
+        from storage.voxel_arrays import open_voxels
+
+        self._check_stage("voxels")
+        return open_voxels(self.place, self.folder)
+
+    def _group(self, name: str) -> "xarray.Dataset":
         from storage.arrays import (
             open_group,
         )  # xarray and Zarr: 0.6 s that a search need not pay
 
-        if "motion" not in self.record.stages:
-            raise ArchiveError(f"take {self.name!r} has no motion; its pose was never fitted")
-        return open_group(self.place, self.folder, "motion")
+        self._check_stage(name)
+        return open_group(self.place, self.folder, name)
+
+    def _check_stage(self, name: str) -> None:
+        """Refuse to read what no stage has written."""
+        if name not in self.record.stages:
+            raise ArchiveError(
+                f"take {self.name!r}, made from {self.record.source['name']}, has no {name}; "
+                f"it has {', '.join(self.record.stages)}"
+            )
 
 
 @dataclass(frozen=True)

@@ -153,14 +153,14 @@ def collect_garbage(place: Place, *, older_than: timedelta) -> list[StoredFile]:
     for take, numbers in records.items():
         doomed += _replaced_records(place, take, max(numbers, default=0), limit)
     kept = {(take, v) for take in records for v in _recent_versions(place, take, doomed)}
-    for top in ("takes", "index"):
+    for top in ("takes", "index", "work"):
         groups: dict[tuple[str, str], list[StoredFile]] = {}
         for file in list_files(place, top):
             groups.setdefault(_owner(file.path), []).append(file)
         for owner, files in groups.items():
             if owner not in kept and all(file.modified < limit for file in files):
                 doomed += files
-    old = [path for top in ("takes", "index") for path in folders_older(place, top, limit)]
+    old = [path for top in ("takes", "index", "work") for path in folders_older(place, top, limit)]
     delete_files(place, [file.path for file in doomed])
     remove_empty_folders(old)
     return doomed

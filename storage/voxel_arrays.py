@@ -1,0 +1,322 @@
+"""Cameras, silhouettes and voxels of a take in and out of Zarr.
+
+    cameras       a row a camera
+    silhouettes   silhouette (time, camera, row, column)
+    voxels        ragged over time, for frame t:
+                  runs      run_offset[t]     to run_offset[t + 1]:      run_start, run_length
+                  voxels    voxel_offset[t]   to voxel_offset[t + 1]:    is_surface, labels
+                  surface   surface_offset[t] to surface_offset[t + 1]:  color, camera
+
+The number of voxel (x, y, z) is `(x * ny + y) * nz + z`. A run is a stretch of occupied voxels
+along z: the number of its first voxel, and how many they are. The voxels of a frame, in order of
+their numbers, are those of its runs; its surface voxels are those of them with `is_surface`.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import ZstdCodec
+
+from storage.arrays import open_group
+from storage.formats.camera import Camera
+from storage.places import Place, told, zarr_store
+from storage.provenance import Provenance
+from storage.schema import SPACE
+
+_CHUNK = 1 << 18  # values read at once: a few frames of a performer
+_SHARD = 1 << 24  # values in a file
+_PICTURES_BYTES = 1 << 25  # of silhouettes in a file
+_PICTURES_READ = 8  # frames of a camera read at once
+_ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so
+_NO_CAMERA = 255
+
+RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
+    "run_start": ("run", "uint32", ()),
+    "run_length": ("run", "uint16", ()),
+    "is_surface": ("voxel", "bool", ()),
+    "provisional_label": ("voxel", "uint8", ()),
+    "label": ("voxel", "uint8", ()),
+    "color": ("surface", "uint8", (3,)),
+    "camera": ("surface", "uint8", ()),
+}
+"""The ragged arrays: what they go over, their type, and what each entry is."""
+
+
+def write_cameras(
+    place: Place, folder: str, cameras: Sequence[Camera], provenance: Provenance
+) -> None:
+    """Write the group `cameras` of the version in `folder`: metres, y up, OpenCV's lens."""
+    distortion = np.zeros((len(cameras), 8))
+    for row, camera in zip(distortion, cameras, strict=True):
+        row[: len(camera.distortion)] = camera.distortion
+    names = [camera.name for camera in cameras]
+    size = np.array([camera.size for camera in cameras], np.int64)
+    dataset = xarray.Dataset(
+        {
+            "intrinsics": (
+                ("camera", "row_of_matrix", "column_of_matrix"),
+                np.stack([camera.intrinsics for camera in cameras]),
+                {"units": "px", "meaning": "pixel centers at integers"},
+            ),
+            "distortion": (("camera", "coefficient"), distortion),
+            "rotation": (
+                ("camera", "space_of_camera", "space"),
+                np.stack([camera.rotation for camera in cameras]),
+                {"meaning": "from the world's axes to the camera's: x right, y down, z ahead"},
+            ),
+            "translation": (
+                ("camera", "space_of_camera"),
+                np.stack([camera.translation for camera in cameras]),
+                {"units": "m", "meaning": "x = intrinsics (rotation X + translation)"},
+            ),
+            "image_size": (("camera", "side"), size, {"meaning": "columns, rows", "units": "px"}),
+        },
+        coords={"camera": names, "space": list(SPACE)},
+        attrs={
+            "cameras": names,  # string arrays are not in the v3 specification
+            "coefficients": ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+            "provenance": provenance.attributes(),
+        },
+    )
+    encoding = {str(name): {"_FillValue": None} for name in dataset.data_vars}
+    with told(f"write {place.url(folder)}"):
+        dataset.to_zarr(
+            zarr_store(place, folder),
+            group="cameras",
+            mode="w-",
+            zarr_format=3,
+            consolidated=False,
+            encoding=encoding,
+        )
+
+
+def write_silhouettes(
+    place: Place,
+    folder: str,
+    blocks: Iterable[NDArray[np.bool_]],
+    shape: tuple[int, int, int, int],
+    *,
+    cameras: Sequence[str],
+    rate_hz: float,
+    provenance: Provenance,
+) -> None:
+    """Write the group `silhouettes` of the version in `folder`, a block after another.
+
+    Parameters
+    ----------
+    blocks
+        (time, camera, row, column) bool: the frames in their order.
+    shape
+        Of all of them together.
+    """
+    frames, count, rows, columns = shape
+    held = max(1, min(frames, _PICTURES_BYTES // (count * rows * columns)))
+    read = min(held, _PICTURES_READ)
+    held -= held % read
+    with told(f"write {place.url(folder)}"):
+        group = _new_group(
+            place, folder, "silhouettes", cameras=list(cameras), rate_hz=rate_hz,
+            provenance=provenance.attributes(),
+        )  # fmt: skip
+        _write_time(group, frames, rate_hz)
+        array = group.create_array(
+            "silhouette",
+            shape=shape,
+            dtype="bool",
+            chunks=(read, 1, rows, columns),
+            shards=(held, count, rows, columns),
+            compressors=[_ZSTD],
+            dimension_names=("time", "camera", "row", "column"),
+        )
+        for start, part in _regrouped(blocks, held):
+            array[start : start + len(part)] = part
+
+
+def write_voxels(
+    place: Place,
+    folder: str,
+    offsets: Mapping[str, NDArray[np.int64]],
+    parts: Mapping[str, Iterable[NDArray]],
+    *,
+    attributes: dict[str, Any],
+    rate_hz: float,
+) -> None:
+    """Write the group `voxels` of the version in `folder`.
+
+    Parameters
+    ----------
+    offsets
+        (frame + 1,) by `run`, `voxel` and `surface`.
+    parts
+        Stretches of each ragged array, in order, by its name in `RAGGED`.
+    attributes
+        `origin_m`, `voxel_m`, `shape` and `provenance` among them.
+    """
+    frames = len(offsets["run"]) - 1
+    with told(f"write {place.url(folder)}"):
+        group = _new_group(place, folder, "voxels", rate_hz=rate_hz, **attributes)
+        _write_time(group, frames, rate_hz)
+        for over, offset in offsets.items():
+            _write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
+        for name, stretches in parts.items():
+            over, kind, entry = RAGGED[name]
+            total = int(offsets[over][-1])
+            chunk = max(1, min(total, _CHUNK))
+            shard = chunk * max(1, min(-(-total // chunk), _SHARD // _CHUNK))
+            array = group.create_array(
+                name,
+                shape=(total, *entry),
+                dtype=kind,
+                chunks=(chunk, *entry),
+                shards=(shard, *entry),
+                compressors=[_ZSTD],
+                dimension_names=(over, *(("rgb",) if entry else ())),
+            )
+            for start, part in _regrouped(stretches, shard):
+                array[start : start + len(part)] = part
+
+
+def open_silhouettes(place: Place, folder: str) -> xarray.DataArray:
+    """Return `(time, camera, row, column)` bool, read when it is used."""
+    dataset = open_group(place, folder, "silhouettes")
+    return dataset["silhouette"].assign_coords(camera=dataset.attrs["cameras"])
+
+
+def read_voxels(voxels: zarr.Group, frame: int) -> xarray.Dataset:
+    """Return the voxels of a frame, in the order of their numbers.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over `voxel`: `center (voxel, space)` m, `index (voxel, axis)`, `is_surface`,
+        `color (voxel, rgb)` and `camera` (zero and 255 but on the surface), and `label` and
+        `provisional_label` where these stages have run.
+
+    Raises
+    ------
+    IndexError
+        If there is no such frame.
+    """
+    number = _read_numbers(voxels, frame)
+    shape = _shape(voxels)
+    index = np.stack(np.unravel_index(number, shape), axis=1).astype(np.int32)
+    origin = np.asarray(voxels.attrs["origin_m"], np.float64)
+    is_surface = _read_ragged(voxels, "is_surface", frame)
+    color = np.zeros((len(number), 3), np.uint8)
+    camera = np.full(len(number), _NO_CAMERA, np.uint8)
+    color[is_surface] = _read_ragged(voxels, "color", frame)
+    camera[is_surface] = _read_ragged(voxels, "camera", frame)
+    labels = {
+        name: ("voxel", _read_ragged(voxels, name, frame))
+        for name in ("label", "provisional_label")
+        if name in voxels
+    }
+    center = origin + index * float(voxels.attrs["voxel_m"])  # type: ignore[arg-type]
+    return xarray.Dataset(
+        {
+            "center": (("voxel", "space"), center, {"units": "m"}),
+            "index": (("voxel", "axis"), index),
+            "is_surface": ("voxel", is_surface),
+            "color": (("voxel", "rgb"), color),
+            "camera": ("voxel", camera),
+            **labels,
+        },
+        coords={"space": list(SPACE)},
+        attrs={
+            "frame": frame,
+            **{name: voxels.attrs[name] for name in ("origin_m", "voxel_m", "shape")},
+        },
+    )
+
+
+def read_occupied(voxels: zarr.Group, frame: int) -> xarray.DataArray:
+    """Return the dense view of a frame, `(x, y, z)` bool, its coordinates in metres.
+
+    Raises
+    ------
+    IndexError
+        If there is no such frame.
+    """
+    shape = _shape(voxels)
+    occupied = np.zeros(shape, np.bool_)
+    occupied.reshape(-1)[_read_numbers(voxels, frame)] = True
+    origin: Any = voxels.attrs["origin_m"]
+    voxel_m: Any = voxels.attrs["voxel_m"]
+    axes = {
+        name: (name, start + np.arange(count) * voxel_m, {"units": "m"})
+        for name, start, count in zip(SPACE, origin, shape, strict=True)
+    }
+    return xarray.DataArray(occupied, dims=SPACE, coords=axes, name="occupied")
+
+
+def open_voxels(place: Place, folder: str) -> zarr.Group:
+    """Return the group `voxels` of the version in `folder`."""
+    with told(f"read {place.url(folder)}"):
+        store = zarr_store(place, folder, read_only=True)
+        return zarr.open_group(store, path="voxels", mode="r", use_consolidated=False)
+
+
+def _new_group(place: Place, folder: str, name: str, **attributes: Any) -> zarr.Group:
+    """Make a group of the version in `folder`, which has none of this name."""
+    store = zarr_store(place, folder)
+    return zarr.create_group(store, path=name, zarr_format=3, attributes=attributes)
+
+
+def _write_time(group: zarr.Group, frames: int, rate_hz: float) -> None:
+    _write_whole(group, "time", np.arange(frames) / rate_hz, ("time",), units="s")
+
+
+def _write_whole(
+    group: zarr.Group, name: str, values: NDArray, dims: tuple[str, ...], **attributes: Any
+) -> None:
+    """Write an array that is small enough for one piece."""
+    group.create_array(
+        name,
+        data=values,
+        chunks=values.shape,
+        compressors=[_ZSTD],
+        dimension_names=dims,
+        attributes=attributes,
+    )
+
+
+def _regrouped(parts: Iterable[NDArray], length: int) -> Iterator[tuple[int, NDArray]]:
+    """Yield the entries of all parts, `length` at a time, each time with the first one's place."""
+    start, held, waiting = 0, 0, []
+    for part in parts:
+        while len(part):
+            taken, part = part[: length - held], part[length - held :]
+            waiting.append(taken)
+            held += len(taken)
+            if held == length:
+                yield start, np.concatenate(waiting)
+                start, held, waiting = start + held, 0, []
+    if waiting:
+        yield start, np.concatenate(waiting)
+
+
+def _shape(voxels: zarr.Group) -> tuple[int, int, int]:
+    x, y, z = voxels.attrs["shape"]  # type: ignore[misc]
+    return int(x), int(y), int(z)  # type: ignore[arg-type]
+
+
+def _read_numbers(voxels: zarr.Group, frame: int) -> NDArray[np.int64]:
+    """Return the numbers of the voxels of a frame, in order."""
+    start = _read_ragged(voxels, "run_start", frame).astype(np.int64)
+    length = _read_ragged(voxels, "run_length", frame).astype(np.int64)
+    before = np.cumsum(length) - length
+    return np.repeat(start - before, length) + np.arange(length.sum())
+
+
+def _read_ragged(voxels: zarr.Group, name: str, frame: int) -> NDArray[Any]:
+    """Return a frame's part of a ragged array."""
+    offset: Any = voxels[f"{RAGGED[name][0]}_offset"]
+    if not 0 <= frame < offset.shape[0] - 1:
+        raise IndexError(f"frame {frame} is not one of the frames 0 to {offset.shape[0] - 2}")
+    first, end = offset[frame : frame + 2]
+    array: Any = voxels[name]
+    return np.asarray(array[int(first) : int(end)])

@@ -8,7 +8,7 @@ Fischler and Bolles 1981, with all small subsets tried). Whether two films were 
 by exchanging them.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,15 +18,10 @@ from numpy.typing import NDArray
 from storage.formats.reading import listed
 from tasks.geometry.hull_bounds import fitting_box, main_parts
 from tasks.geometry.projection import Projection, camera_centers
-from tasks.geometry.votes import (
-    Scene,
-    Votes,
-    collect_votes,
-    compare_hull,
-    hull_of,
-    make_scene,
-)
+from tasks.geometry.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
 from tasks.geometry.voxels import VoxelGrid
+
+_MOST_TRIALS = 10  # exchanges of films, all of those of five cameras; 0.2 s each
 
 
 @dataclass(frozen=True)
@@ -248,18 +243,15 @@ def _judge_cameras(
         return usable
     blamed = _to_blame(case, worst)
     others = tuple(c for c in usable if c not in blamed)
-    harm = min(float(explained[c]) for c in (others or usable))
-    exchanged = None
-    if harm < case.settings.harmed and (len(blamed) == 2 or (not blamed and len(usable) < 5)):
-        pairs = [blamed] if blamed else combinations(usable, 2)
-        exchanged = _exchanged(case, pairs)
+    exchanged = () if len(blamed) == 1 else _exchanged(case, blamed, worst)
     if exchanged:
         one, other = (case.names[c] for c in exchanged)
         faults.append(
             f"the films of camera {one!r} and {other!r} are exchanged, or their calibrations: as "
-            f"they are, only {harm:.0%} of a silhouette is explained by the others; rename them"
+            f"they are, the hull explains only {worst:.0%} of a silhouette; rename them"
         )
         return others if blamed else ()
+    harm = min(float(explained[c]) for c in others)
     if blamed:
         said = _blame(case, blamed, explained)
         if harm < case.settings.harmed:
@@ -291,21 +283,31 @@ def _least_explained(case: _Case, cameras: Sequence[int]) -> float:
     return min(_explained(case, cameras, c) for c in cameras)
 
 
-def _exchanged(case: _Case, pairs: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
+def _exchanged(case: _Case, blamed: tuple[int, ...], worst: float) -> tuple[int, ...]:
     """Return the pair of cameras whose films, exchanged, let all cameras agree; none if no such."""
     size = case.scene.projection.image_size
-    for pair in pairs:
-        if (size[pair[0]] != size[pair[1]]).any():
+    pairs = [blamed] if blamed else _suspects(case)[:_MOST_TRIALS]
+    for one, other in pairs:
+        if (size[one] != size[other]).any():
             continue
         order = np.arange(len(case.names))
-        order[list(pair)] = pair[::-1]
-        exchanged = case.scene.silhouettes[:, order]
+        order[[one, other]] = other, one
+        films = case.scene.silhouettes[:, order]
         trial = _make_case(
-            exchanged, case.scene.projection, case.grid, case.names, case.usable, case.settings
+            films, case.scene.projection, case.grid, case.names, case.usable, case.settings
         )
-        if _least_explained(trial, case.usable) >= case.settings.consistent:
-            return pair
+        least = _least_explained(trial, case.usable)
+        if least >= case.settings.consistent and 1 - least <= 0.5 * (1 - worst):
+            return one, other
     return ()
+
+
+def _suspects(case: _Case) -> list[tuple[int, ...]]:
+    """Return the pairs of cameras, the ones without which the others agree best first."""
+    pairs = list(combinations(case.usable, 2))
+    rests = [[c for c in case.usable if c not in pair] for pair in pairs]
+    best = [_least_explained(case, rest) for rest in rests]
+    return [pairs[n] for n in np.argsort(best)[::-1]]
 
 
 def _blame(case: _Case, blamed: tuple[int, ...], explained: NDArray[np.float64]) -> str:

@@ -1,0 +1,134 @@
+"""`shosa doctor CAPTURE` examines a small filmed capture, and names what was done to it."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from flows.command import main
+from storage.formats.video import VIDEO_SUFFIXES
+from tasks.capture_checks import draw_silhouette
+from tasks.filming import (
+    FilmSettings,
+    RingSettings,
+    film_capture,
+    generate_cameras,
+    stretch_arms_first,
+)
+from tests.conftest import swaying_body
+
+pytestmark = pytest.mark.compiled  # rendering and silhouettes of whole films
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory):
+    track = stretch_arms_first(swaying_body(3, 45), 30.0)
+    cameras = generate_cameras(
+        RingSettings(cameras=5, overhead=0), center_m=(0.0, 0.9, 0.0), seed=4
+    )
+    folder = tmp_path_factory.mktemp("filmed") / "sway"
+    film_capture(folder, track, 30.0, cameras=cameras, settings=FilmSettings(), seed=2)
+    return folder
+
+
+@pytest.fixture
+def capture(filmed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(filmed, tmp_path / "in" / "sway")
+    return tmp_path / "in" / "sway"
+
+
+def film_of(capture, number):
+    films = [each for each in capture.joinpath("videos").iterdir() if each.suffix in VIDEO_SUFFIXES]
+    return sorted(films)[number]
+
+
+def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys, tmp_path):
+    before = sorted(capture.rglob("*"))
+    assert main(["doctor", str(capture)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("5 cameras, 105 frames at 30 Hz")
+    rows = [line.split() for line in lines[2:7]]
+    assert all(row[1] == "320x240" and int(row[4][:-1]) >= 90 for row in rows)
+    assert lines[-1] == "ok"
+    pictures = sorted((tmp_path / "sway-doctor").iterdir())
+    assert [each.stem for each in pictures] == [row[0] for row in rows]
+    assert cv2.imread(str(pictures[0])).shape == (480, 1280, 3)
+    assert sorted(capture.rglob("*")) == before
+
+
+def test_exchanged_films_stop_with_their_cameras_named(capture, capsys):
+    first, second = film_of(capture, 0), film_of(capture, 3)
+    for folder in ("videos", "background"):
+        files = {each.stem: each for each in capture.joinpath(folder).iterdir()}
+        one, other = files[first.stem], files[second.stem]
+        kept = one.read_bytes()
+        one.write_bytes(other.read_bytes())
+        other.write_bytes(kept)
+    assert main(["doctor", str(capture), "--out", "drawn"]) == 3
+    said = capsys.readouterr().out
+    assert f"BAD the films of camera '{first.stem}' and '{second.stem}' are exchanged" in said
+    assert "ok" not in said.splitlines()
+
+
+@pytest.mark.parametrize("how", ["cut", "text", "codec"])
+def test_a_film_that_cannot_be_read_is_named_by_its_camera(capture, capsys, how):
+    film = film_of(capture, 2)
+    data = film.read_bytes()
+    film.write_bytes({
+        "cut": data[: len(data) * 2 // 3],
+        "text": b"this is no film\n" * 400,
+        "codec": data.replace(b"mp4v", b"zzz9").replace(b"esds", b"zzzz"),
+    }[how])  # fmt: skip
+    assert main(["doctor", str(capture)]) == 3
+    said = capsys.readouterr().err
+    assert f"camera '{film.stem}'" in said
+    assert "copy it again" in said
+    assert "Traceback" not in said
+
+
+def test_a_film_that_breaks_in_the_middle_is_named_by_its_camera(capture, capsys):
+    film = film_of(capture, 1)
+    pictures = capture / "videos" / film.stem
+    pictures.mkdir()
+    reader = cv2.VideoCapture(str(film))
+    for number in range(105):
+        cv2.imwrite(str(pictures / f"{number:04d}.png"), reader.read()[1])
+    reader.release()
+    film.unlink()
+    broken = pictures / "0030.png"
+    broken.write_bytes(broken.read_bytes()[:50])
+    assert main(["doctor", str(capture)]) == 3
+    said = capsys.readouterr().err
+    assert f"camera '{film.stem}'" in said
+    assert "0030.png" in said
+
+
+def test_every_capture_is_examined_and_one_fault_is_enough(capture, capsys, tmp_path):
+    assert main(["doctor", str(tmp_path / "nowhere"), str(capture), "--out", "both"]) == 3
+    heard = capsys.readouterr()
+    assert "is no folder" in heard.err
+    assert heard.out.splitlines()[-1] == "ok"
+    assert len(list((tmp_path / "both" / "sway").iterdir())) == 5
+
+
+def test_pictures_are_not_written_into_the_capture(capture, capsys):
+    assert main(["doctor", str(capture), "--out", str(capture / "checks")]) == 3
+    assert "is within the capture" in capsys.readouterr().err
+    assert not (capture / "checks").exists()
+
+
+def test_the_outline_is_drawn_around_the_silhouette():
+    frame = np.full((120, 160, 3), 90, np.uint8)
+    silhouette = np.zeros((120, 160), bool)
+    silhouette[40:80, 50:70] = True
+    picture = draw_silhouette(frame, silhouette).astype(int)
+    assert picture.shape == (480, 640, 3)
+    red = picture[..., 0] - picture[..., 1] > 60
+    assert red[160:320, 200].all()
+    assert red[240, 190:215].any()
+    assert not red[200:280, 210:270].any()
+    assert not red[:150].any()
+    with pytest.raises(ValueError, match="bring those of one camera"):
+        draw_silhouette(frame, silhouette[:100])

@@ -1,0 +1,295 @@
+"""Read the arms-stretched shape of a performer off a hull: arms, head, trunk and facing.
+
+The digitization paper (section 3.3) lets a person begin with the arms stretched sideways and
+says no more about how the first labels are found. Here lengths come from the shape where it
+shows them (tips of the hands, line of the arms, top of the head, feet) and from published
+proportions of the body where clothes hide it (Drillis and Contini 1966, as printed in Winter,
+Biomechanics and Motor Control of Human Movement), widened by what rigs of motion capture have.
+Points are metres with y up.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+
+SHOULDER_SHARE = 0.18
+"""Shoulder from the middle, in half spans: 0.23 by Drillis and Contini for the outer end of the
+collar bone, whose joint is farther in; rigs of motion capture have 0.15 to 0.22."""
+UPPER_ARM_SHARE, FOREARM_SHARE = 0.413, 0.363
+"""Of the arm from shoulder to finger tip; 0.423 and 0.332 by Drillis and Contini to a stretched
+finger, 0.38 to 0.42 and 0.35 to 0.40 in rigs."""
+SPAN_PER_STATURE = 1.03
+"""Arm span over stature; the arms are stretched, the knees need not be."""
+NECK_SHARE = 0.20
+"""Base of the neck above the line of the arms, of what the top of the head is above it."""
+HIPS_BELOW_TOP = 0.495
+"""From the top of the head to the middle of the hips, in statures: 0.470 by Drillis and Contini
+to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
+TIP_INSIDE = 0.015
+"""How far a finger's tip joint lies inside the hull's end, in half spans: a finger's radius."""
+WAIST_SHARE = 0.60
+"""Where the loins begin, from the base of the neck to the hips."""
+HIP_SHARE = 0.0575
+"""Hip joint from the middle, in statures: 0.096 by Drillis and Contini is half the width over
+the bones; the joint centers are 0.05 to 0.06 (Bell et al. 1989)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """Two arms and the directions they give."""
+
+    left: Points
+    """(3,) unit vector, horizontal; towards the left hand once the facing is known."""
+    middle: Points
+    """(3,) the middle between the finger tips' verticals, at the height of the arms' lines."""
+    half_span_m: float
+    tip: Points
+    """(2, 3) finger tips: against `left`, then along it."""
+    line: Points
+    """(2, 2, 2) a side: height and place forward, each as value at the middle and slope."""
+    slope: float
+    """The steepest of the lines, as tangent: 0 where both arms are straight sideways."""
+    rough_m: float
+    """Typical distance of the arms' thin parts from their lines."""
+    thin: float
+    """Share of an arm's length that shows an arm and no hanging cloth, the smaller side's."""
+
+    @property
+    def front(self) -> Points:
+        """(3,) unit vector, horizontal."""
+        return np.cross(self.left, [0.0, 1.0, 0.0])
+
+    def along(self, side: int, share: float) -> Points:
+        """Return the point (3,) of an arm's line that is so many half spans from the middle."""
+        aside = share * self.half_span_m
+        height, ahead = (value + slope * aside for value, slope in self.line[side])
+        base = self.middle * [1.0, 0.0, 1.0] + (2 * side - 1) * aside * self.left
+        return base + ahead * self.front + [0.0, height, 0.0]
+
+    def turned(self) -> "Arms":
+        """Return the same arms of somebody who faces the other way."""
+        line = self.line[::-1].copy()
+        line[:, 1] *= -1.0
+        return Arms(
+            -self.left,
+            self.middle,
+            self.half_span_m,
+            self.tip[::-1].copy(),
+            line,
+            self.slope,
+            self.rough_m,
+            self.thin,
+        )
+
+
+def measure_arms(point: Points, voxel_m: float) -> Arms | None:
+    """Return the arms of (voxel, 3) points, or None where nothing reaches to two sides."""
+    low, high = point[:, 1].min(), point[:, 1].max()
+    upper = point[point[:, 1] > low + 0.55 * (high - low)]
+    middle = np.median(upper, axis=0)
+    flat = (upper - middle)[:, [0, 2]]
+    reach = np.hypot(*flat.T)
+    far = flat[reach > 0.6 * reach.max()]
+    if len(far) < 2:
+        return None
+    axis = np.linalg.eigh(far.T @ far)[1][:, 1]
+    axis = axis * (1.0 if axis[np.argmax(abs(axis))] > 0 else -1.0)
+    left = np.array([axis[0], 0.0, axis[1]])
+    tip = np.empty((2, 3))
+    for _ in range(4):
+        aside = (upper - middle) @ left
+        tip[0] = upper[aside < aside.min() + 2.5 * voxel_m].mean(axis=0)
+        tip[1] = upper[aside > aside.max() - 2.5 * voxel_m].mean(axis=0)
+        across = (tip[1] - tip[0]) * [1.0, 0.0, 1.0]
+        if np.linalg.norm(across) < 4 * voxel_m:
+            return None
+        left = across / np.linalg.norm(across)
+    aside = upper @ left
+    half = float(aside.max() - aside.min() + voxel_m) / 2.0
+    middle = tip.mean(axis=0)
+    middle += ((aside.max() + aside.min()) / 2.0 - middle @ left) * left
+    line, slope, rough, thin = _fit_arms(upper, middle, left, half, voxel_m)
+    ends = np.array([aside.min(), aside.max()]) - tip @ left
+    ends += np.array([1.0, -1.0]) * TIP_INSIDE * half
+    tip = tip + ends[:, None] * left
+    return Arms(left, middle, half, tip, line, slope, rough, thin)
+
+
+def _fit_arms(
+    upper: Points, middle: Points, left: Points, half: float, voxel_m: float
+) -> tuple[Points, float, float, float]:
+    """Return the lines of both arms, the steepest slope, roughness, and thin share."""
+    front = np.cross(left, [0.0, 1.0, 0.0])
+    aside, ahead = (upper - middle) @ left, (upper - middle) @ front
+    lines, slopes, roughs, thins = np.zeros((2, 2, 2)), [0.0], [0.0], []
+    for side in range(2):
+        out = (2 * side - 1) * aside
+        slab = np.floor(out / voxel_m).astype(int)
+        first, last = int(0.30 * half / voxel_m), int(half / voxel_m)
+        found = []
+        for number in range(first, last):
+            here = slab == number
+            if here.sum() < 4:
+                continue
+            height = upper[here, 1]
+            low, high = np.percentile(height, [2, 98])
+            if high - low < 0.055 * 2 * half:
+                found.append([(number + 0.5) * voxel_m, (low + high) / 2, np.mean(ahead[here])])
+        thins.append(len(found) / max(last - first, 1))
+        if len(found) < 6:
+            lines[side] = [[middle[1], 0.0], [0.0, 0.0]]
+            roughs.append(half)
+            continue
+        table = np.array(found)
+        for axis in range(2):
+            lines[side, axis], rough = _fit_line(table[:, 0], table[:, 1 + axis])
+            roughs.append(rough)
+            slopes.append(abs(lines[side, axis, 1]))
+    return lines, float(max(slopes)), float(max(roughs)), float(min(thins))
+
+
+def _fit_line(x: Points, y: Points) -> tuple[Points, float]:
+    """Return value and slope of the line of least absolute distances, and their median."""
+    design = np.stack([np.ones(len(x)), x], axis=1)
+    weight, line = np.ones(len(x)), np.zeros(2)
+    for _ in range(12):
+        root = np.sqrt(weight)
+        line[:] = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
+        weight = 1.0 / np.maximum(abs(y - design @ line), 0.002)
+    return line, float(np.median(abs(y - design @ line)))
+
+
+@dataclass(frozen=True, eq=False)
+class Trunk:
+    """Head, spine and hips."""
+
+    head: Points
+    neck: Points
+    waist: Points
+    hips: Points
+    """(3,) each; `hips` is the middle of the hip joints."""
+    stature_m: float
+
+
+def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | None) -> Trunk:
+    """Return head, spine and hips of (voxel, 3) points, given the arms."""
+    half = arms.half_span_m
+    aside, ahead = (point - arms.middle) @ arms.left, (point - arms.middle) @ arms.front
+    shoulders = np.mean([arms.along(side, SHOULDER_SHARE) for side in range(2)], axis=0)
+    height, up = point[:, 1], np.array([0.0, 1.0, 0.0])
+    column = (abs(aside) < 0.2 * half) & (abs(ahead) < 0.35 * half)
+    column &= height > shoulders[1] + 0.05 * half
+    top = height[column].max() if column.any() else shoulders[1] + 0.4 * half
+    cap = column & (height > top - 0.05 * half)
+    head = point[cap].mean(axis=0) if cap.any() else shoulders + up * 0.4 * half
+    head[1] = top + voxel_m / 2
+    above = head[1] - shoulders[1]
+    neck = shoulders + NECK_SHARE * above * up
+    low = height.min() - voxel_m / 2
+    extent = head[1] - low
+    stature = stature_m or max(extent, 2.0 * half / SPAN_PER_STATURE)
+    length = HIPS_BELOW_TOP * stature - (head[1] - neck[1])
+    hips = _follow_trunk(point, arms, neck, length, half)
+    return Trunk(head, neck, neck + WAIST_SHARE * (hips - neck), hips, float(stature))
+
+
+def _follow_trunk(point: Points, arms: Arms, neck: Points, length: float, half: float) -> Points:
+    """Return the middle of the hips: so far down from the neck, where the trunk's slabs lead."""
+    hips = neck - [0.0, length, 0.0]
+    for _ in range(3):
+        near = abs(point[:, 1] - hips[1]) < 0.06 * half
+        beside = point - hips
+        near &= abs(beside @ arms.left) < 0.30 * half
+        near &= abs(beside @ arms.front) < 0.30 * half
+        if near.sum() < 8:
+            break
+        center = hips.copy()
+        for axis in (arms.left, arms.front):
+            low, high = np.percentile(point[near] @ axis, [2, 98])
+            center += ((low + high) / 2 - center @ axis) * axis
+        down = center - neck
+        hips = neck + down * length / np.linalg.norm(down)
+    return hips
+
+
+def vote_facing(
+    point: Points,
+    arms: Arms,
+    trunk: Trunk,
+    feet: list[Points],
+    surface: Points | None,
+    color: NDArray[np.uint8] | None,
+) -> tuple[float, list[str]]:
+    """Return how surely the performer faces `arms.front` (-1 to 1) and what said so.
+
+    Three witnesses: feet are longer before the ankle than behind it, a face has the color of
+    the hands and hair has not, and heads are held before the neck.
+
+    Parameters
+    ----------
+    point : (voxel, 3) float64
+    arms, trunk
+        As measured, facing either way.
+    feet : list of (voxel, 3) float64
+        The voxels of each foot.
+    surface, color : (surface voxel, 3)
+        Centers in metres and RGB, or None.
+    """
+    stature = trunk.stature_m
+    votes: list[tuple[float, float, str]] = []
+    steps = []
+    for foot in feet:
+        low = foot[:, 1].min()
+        sole = foot[foot[:, 1] < low + 0.018 * stature]
+        instep = foot[foot[:, 1] > low + 0.033 * stature]
+        if len(sole) > 5 and len(instep) > 5:
+            steps.append((sole.mean(axis=0) - instep.mean(axis=0)) @ arms.front)
+    if steps:
+        votes.append((float(np.sum(steps)) / (0.03 * stature), 1.0, "the feet"))
+    if surface is not None and color is not None:
+        vote = _vote_of_face(surface, color.astype(np.float64), arms, trunk)
+        if vote is not None:
+            votes.append((vote, 2.0, "the color of the face"))
+    about = point - trunk.head
+    skull = (abs(about @ arms.left) < 0.09 * stature) & (abs(about @ arms.front) < 0.12 * stature)
+    skull &= point[:, 1] > trunk.head[1] - 0.09 * stature
+    base = abs(point[:, 1] - trunk.neck[1] - 0.025 * stature) < 0.012 * stature
+    base &= abs(about @ arms.left) < 0.06 * stature
+    base &= abs(about @ arms.front) < 0.12 * stature
+    if skull.any() and base.any():
+        lean = (point[skull].mean(axis=0) - point[base].mean(axis=0)) @ arms.front
+        votes.append((lean / (0.015 * stature), 0.5, "the carriage of the head"))
+    total = sum(weight for _, weight, _ in votes)
+    if not total:
+        return 0.0, []
+    vote = sum(weight * float(np.clip(v, -1, 1)) for v, weight, _ in votes) / total
+    return vote, [name for v, _, name in votes if v * vote > 0]
+
+
+def _vote_of_face(surface: Points, color: Points, arms: Arms, trunk: Trunk) -> float | None:
+    """Return in which direction the head has the color of the hands, in head radii."""
+    half = arms.half_span_m
+    hand = [color[np.linalg.norm(surface - tip, axis=1) < 0.10 * half] for tip in arms.tip]
+    skin = np.concatenate(hand)
+    if len(skin) < 10:
+        return None
+    height = (surface[:, 1] - trunk.neck[1]) / (trunk.head[1] - trunk.neck[1])
+    head = (height > 0.38) & (height < 0.85)
+    head &= np.linalg.norm((surface - trunk.head) * [1, 0, 1], axis=1) < 0.16 * half
+    if head.sum() < 20:
+        return None
+    total = color[head].sum(axis=1)
+    target = np.median(skin, axis=0)
+    # chroma alone would let dark hair pass for skin: brightness counts, less than chroma
+    unlike = np.linalg.norm(
+        color[head] / (total[:, None] + 40) - target / (target.sum() + 40), axis=1
+    ) + 0.5 * abs(np.log((total + 40) / (target.sum() + 40)))
+    alike = np.exp(-((unlike / 0.25) ** 2))
+    share = alike.mean()
+    if not 0.08 < share < 0.92:
+        return None
+    ahead = (surface[head] - surface[head].mean(axis=0)) @ arms.front
+    return float((alike @ ahead / alike.sum() - (1 - alike) @ ahead / (1 - alike).sum()) / 0.03)

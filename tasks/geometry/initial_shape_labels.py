@@ -1,0 +1,87 @@
+"""Label voxels by the bone they are nearest to, bones having the thickness of a body.
+
+Thicknesses are shares of the body's size, from the girths of adults over their statures
+(compare the radii in Drillis and Contini 1966). Points are metres with y up.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+
+BONES = (
+    (1, "Neck", "Head", 0.064, 0.055),
+    (2, "Waist", "Neck", 0.085, 0.060),
+    (3, "Hips", "Waist", 0.078, 0.085),
+    *((4 + 2 * k, f"{s}Shoulder", f"{s}Elbow", 0.024, 0.046) for k, s in enumerate("RL")),
+    *((5 + 2 * k, f"{s}Elbow", f"{s}Fin", 0.046, 0.046) for k, s in enumerate("RL")),
+    *((8 + 2 * k, f"{s}Hip", f"{s}Knee", 0.076, 0.032) for k, s in enumerate("RL")),
+    *((9 + 2 * k, f"{s}Knee", f"{s}Ankle", 0.032, 0.040) for k, s in enumerate("RL")),
+    *((9 + 2 * k, f"{s}Heel", f"{s}Foot", 0.022, 0.018) for k, s in enumerate("RL")),
+)
+"""Label, first and last joint, and the bone's radius at both, in statures."""
+NEEDED = (
+    *("Head", "Neck"),
+    *(side + name for side in "RL" for name in ("Shoulder", "Elbow", "Fin", "Hip", "Knee", "Foot")),
+)
+"""The joints without which voxels cannot be labelled; the others are put in by proportion."""
+CLOTH_HANGS = 0.5
+"""Distance straight below an arm counts this much: sleeves hang from it."""
+FLATNESS = 0.70
+"""Depth of a trunk over its width."""
+
+
+def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:
+    """Return (3,) joints with the waist, wrists, ankles and heels put in where missing."""
+    whole = {name: np.asarray(place, np.float64) for name, place in joints.items()}
+    whole = {name: place for name, place in whole.items() if np.isfinite(place).all()}
+    hips = (whole["RHip"] + whole["LHip"]) / 2.0
+    whole.setdefault("Waist", whole["Neck"] + 0.6 * (hips - whole["Neck"]))
+    for side in "RL":
+        elbow, tip = whole[f"{side}Elbow"], whole[f"{side}Fin"]
+        knee, toe = whole[f"{side}Knee"], whole[f"{side}Foot"]
+        shank = float(np.linalg.norm(knee - whole[f"{side}Hip"]))
+        whole.setdefault(f"{side}Wrist", elbow + 0.62 * (tip - elbow))
+        back = (knee - toe) * [1.0, 0.0, 1.0]
+        back *= 0.62 * shank / max(float(np.linalg.norm(back)), 1e-9)
+        whole.setdefault(f"{side}Heel", toe + back)
+        above = np.array([0.0, 0.10 * shank, 0.0])
+        ankle = whole[f"{side}Heel"] + 0.25 * (toe - whole[f"{side}Heel"]) + above
+        whole.setdefault(f"{side}Ankle", ankle)
+    return whole
+
+
+def body_size(joints: Mapping[str, Points]) -> float:
+    """Return the stature that the bones of the joints belong to, metres."""
+
+    def length(a: str, b: str) -> float:
+        return float(np.linalg.norm(joints[a] - joints[b]))
+
+    hips = (joints["RHip"] + joints["LHip"]) / 2.0
+    trunk = length("Head", "Neck") + float(np.linalg.norm(joints["Neck"] - hips))
+    legs = [length(f"{s}Hip", f"{s}Knee") + length(f"{s}Knee", f"{s}Ankle") for s in "RL"]
+    return (trunk + sum(legs) / 2.0) / 0.961
+
+
+def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint8]:
+    """Return the label 1 to 11 (voxel,) of points (voxel, 3), given complete joints."""
+    size = body_size(joints)
+    places = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2.0}
+    across = joints["LShoulder"] - joints["RShoulder"]
+    across = across / max(float(np.linalg.norm(across)), 1e-9)
+    least = np.full(len(point), np.inf)
+    label = np.zeros(len(point), np.uint8)
+    for number, first, last, thick, thin in BONES:
+        start, bone = places[first], places[last] - places[first]
+        share = np.clip((point - start) @ bone / max(float(bone @ bone), 1e-12), 0.0, 1.0)
+        off = point - start - share[:, None] * bone
+        if number in (2, 3):
+            off = off - (1.0 - FLATNESS) * (off @ across)[:, None] * across
+        if number in (4, 5, 6, 7):
+            off[:, 1] *= np.where(off[:, 1] < 0, CLOTH_HANGS, 1.0)
+        distance = np.linalg.norm(off, axis=1) - size * (thick + share * (thin - thick))
+        closer = distance < least
+        least[closer], label[closer] = distance[closer], number
+    return label

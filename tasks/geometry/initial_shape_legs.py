@@ -1,0 +1,157 @@
+"""Find feet and knees of a performer whose arms are stretched, under trousers or a skirt.
+
+The legs may stand in any pose. Feet are what is near the floor; a knee is where two bones of
+the body's proportions, from the hip to the ankle, lie deepest inside the hull. Points are
+metres with y up.
+"""
+
+from dataclasses import dataclass
+
+import cc3d
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+Points = NDArray[np.float64]
+
+THIGH_SHARE, SHANK_SHARE = 0.238, 0.243
+"""In statures: 0.245 and 0.246 by Drillis and Contini (1966); rigs have 0.23 to 0.25."""
+ANKLE_HEIGHT, FOOT_LENGTH = 0.039, 0.152
+"""In statures, both by Drillis and Contini."""
+FOOT_HEIGHT = 0.06
+"""What belongs to a foot above its lowest voxel, in statures."""
+SOLE_HEIGHT = 0.014
+"""Of heel and toe above the floor, in statures."""
+INSIDE = 0.03
+"""Depth in the hull, in statures, from which a bone counts as inside: a shank's radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """The joints of a leg, (3,) each."""
+
+    hip: Points
+    knee: Points
+    ankle: Points
+    heel: Points
+    toe: Points
+
+
+@dataclass(frozen=True, eq=False)
+class Depths:
+    """How deep inside the hull each point of a box lies."""
+
+    depth_m: NDArray[np.float32]
+    """(x, y, z)"""
+    origin_m: Points
+    """(3,) center of the first voxel."""
+    voxel_m: float
+
+    def at(self, point: Points) -> Points:
+        """Return (...,) the depth at points (..., 3), metres; 0 outside."""
+        index = np.rint((point - self.origin_m) / self.voxel_m).astype(np.int64)
+        inside = np.all((index >= 0) & (index < self.depth_m.shape), axis=-1)
+        index = np.where(inside[..., None], index, 0)
+        return np.where(inside, self.depth_m[tuple(np.moveaxis(index, -1, 0))], 0.0)
+
+
+def measure_depths(crop: NDArray[np.uint8], origin_m: Points, voxel_m: float) -> Depths:
+    """Return how deep inside the occupied voxels (x, y, z) of a padded box each voxel lies."""
+    depth = np.asarray(ndimage.distance_transform_edt(crop), np.float32)
+    return Depths(depth * np.float32(voxel_m), origin_m, voxel_m)
+
+
+def find_feet(
+    point: Points, left: Points, hips: Points, stature_m: float, voxel_m: float
+) -> list[Points]:
+    """Return the voxels (voxel, 3) of the two feet, against and along `left`.
+
+    Feet are the lower ends of two shins, or what shows of two feet under a skirt. One list
+    where they cannot be told apart.
+    """
+    low = point[:, 1].min()
+    for height in (0.20, 0.13, FOOT_HEIGHT, 0.035):
+        near = point[point[:, 1] < low + height * stature_m]
+        pieces = _two_pieces(near, voxel_m)
+        if pieces is not None:
+            pieces.sort(key=lambda piece: float(np.median((piece - hips) @ left)))
+            tall = FOOT_HEIGHT * stature_m
+            return [piece[piece[:, 1] < piece[:, 1].min() + tall] for piece in pieces]
+    near = point[point[:, 1] < low + FOOT_HEIGHT * stature_m]
+    aside = (near - hips) @ left
+    if np.ptp(aside) < 0.12 * stature_m:
+        return [near]
+    cut = (aside.min() + aside.max()) / 2.0
+    return [near[aside < cut], near[aside >= cut]]
+
+
+def _two_pieces(point: Points, voxel_m: float) -> list[Points] | None:
+    """Return the two largest connected pieces of points where there are two of similar size."""
+    index = np.rint((point - point.min(axis=0)) / voxel_m).astype(np.int64)
+    crop = np.zeros(index.max(axis=0) + 1, np.uint8)
+    crop[tuple(index.T)] = 1
+    piece = np.asarray(cc3d.connected_components(crop, connectivity=26))[tuple(index.T)]
+    sizes = np.bincount(piece)
+    order = np.argsort(sizes)[::-1]
+    if len(order) < 3 or sizes[order[1]] < 0.15 * sizes[order[0]]:
+        return None
+    return [point[piece == order[k]] for k in range(2)]
+
+
+def measure_leg(foot: Points, hip: Points, front: Points, depths: Depths, stature_m: float) -> Leg:
+    """Return a leg from a foot's voxels (voxel, 3) and its hip joint, facing `front`."""
+    toe, heel = _foot_ends(foot, front, stature_m)
+    along = (toe - heel) * [1.0, 0.0, 1.0]
+    along /= max(float(np.linalg.norm(along)), 1e-9)
+    ankle = heel + 0.25 * FOOT_LENGTH * stature_m * along
+    ankle[1] = foot[:, 1].min() + ANKLE_HEIGHT * stature_m
+    knee = _find_knee(hip, ankle, front, depths, stature_m)
+    return Leg(hip, knee, ankle, heel, toe)
+
+
+def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:
+    """Return toe and heel: the ends of the sole's longer axis, of a foot's usual length."""
+    low = foot[:, 1].min()
+    sole = foot[foot[:, 1] < low + 0.03 * stature_m]
+    flat = sole[:, [0, 2]] - sole[:, [0, 2]].mean(axis=0)
+    spread, axes = np.linalg.eigh(flat.T @ flat)
+    axis = np.array([axes[0, 1], 0.0, axes[1, 1]])
+    if spread[1] < 1.5 * spread[0] or abs(axis @ front) < 0.35:
+        axis = front
+    axis = axis * np.sign(axis @ front)
+    reach = sole @ axis
+    middle = np.median(sole, axis=0)
+    first, last = np.percentile(reach, [2, 98])
+    length = FOOT_LENGTH * stature_m
+    toe = middle + (last - middle @ axis) * axis
+    heel = middle + (max(first, last - length) - middle @ axis) * axis
+    toe[1] = heel[1] = low + SOLE_HEIGHT * stature_m
+    return toe, heel
+
+
+def _find_knee(
+    hip: Points, ankle: Points, front: Points, depths: Depths, stature_m: float
+) -> Points:
+    """Return where a knee lies deepest in the hull at about the right lengths."""
+    down = ankle - hip
+    length = max(float(np.linalg.norm(down)), 1e-6)
+    down = down / length
+    ahead = front - (front @ down) * down
+    ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
+    aside = np.cross(down, ahead)
+    best = hip + THIGH_SHARE / (THIGH_SHARE + SHANK_SHARE) * length * down
+    part = np.linspace(0.1, 1.0, 10)[:, None, None]
+    for reach, count in ((0.24, 17), (0.03, 9)):
+        steps = np.linspace(-reach, reach, count) * stature_m
+        a, b, c = (x.ravel() for x in np.meshgrid(steps, steps, steps / 2.0, indexing="ij"))
+        knee = best + a[:, None] * ahead + b[:, None] * aside + c[:, None] * down
+        thigh, shank = np.linalg.norm(knee - hip, axis=1), np.linalg.norm(ankle - knee, axis=1)
+        wrong = ((thigh / stature_m - THIGH_SHARE) / 0.012) ** 2
+        wrong += ((shank / stature_m - SHANK_SHARE) / 0.012) ** 2
+        lines = np.concatenate([hip + part * (knee - hip), ankle + (part - 0.1) * (knee - ankle)])
+        lack = np.clip(1.0 - depths.at(lines) / (INSIDE * stature_m), 0.0, None)
+        backward = np.clip(-(knee - hip) @ ahead / stature_m, 0.0, None)
+        outward = abs((knee - hip) @ aside) / stature_m
+        cost = wrong + 60.0 * (lack**2).mean(axis=0) + 100.0 * backward + 8.0 * outward
+        best = knee[int(np.argmin(cost))]
+    return best

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.formats.reading import listed
-from tasks.geometry.hull_bounds import fitting_box, main_parts
+from tasks.geometry.hull_bounds import fitting_box, grid_corners, is_inside, main_parts
 from tasks.geometry.projection import Projection, camera_centers
 from tasks.geometry.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
 from tasks.geometry.voxels import VoxelGrid
@@ -29,9 +29,8 @@ class AgreementSettings:
     """What is still agreement; shares are 0 to 1.
 
     Measured on four rendered captures and a real one (`dancer8`), of the camera whose silhouette
-    is explained worst: 0.93 to 0.99 as they are; 0.61 and more where each camera is turned at
-    random by 2 pixels (normal, in each direction); 0.69 at most with two films exchanged; 0.49 to
-    0.66 with one camera panned by 2 degrees.
+    is explained worst: 0.92 to 0.99 as they are; 0.85 and 0.54 at least where each camera is turned
+    at random by 1 and 2 pixels of 320; 0.42 to 0.66 with a camera panned by 2 degrees.
     """
 
     consistent: float = 0.85
@@ -141,8 +140,9 @@ def check_agreement(
     trusted = _judge_cameras(case, explained, faults, notes)
     empty = _empty_frames(case)
     if trusted:
-        found = _judge_volume(case, trusted, faults, notes)
-        _judge_hulls(share, empty, found and not faults, faults, notes)
+        _judge_volume(case, trusted, faults, notes)
+    if not faults and empty:
+        _judge_hulls(share, empty, faults, notes)
     return Agreement(
         tuple(faults), tuple(notes), nothing.silhouette, explained, overlap, tuple(empty)
     )
@@ -176,7 +176,7 @@ def _make_case(
     settings: AgreementSettings,
 ) -> _Case:
     """Return the votes of all that the cameras see together, far beyond the volume."""
-    low, high = _corners(grid)
+    low, high = grid_corners(grid)
     centers = camera_centers(projection)
     least, most = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
     half = np.maximum(most - least, (most - least).max() / 2) / 2
@@ -186,12 +186,6 @@ def _make_case(
         min_cameras=settings.min_cameras,
     )  # fmt: skip
     return _Case(scene, votes, grid, names, usable, settings)
-
-
-def _corners(grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest and the highest corner of a volume."""
-    low = np.array(grid.origin_m) - grid.voxel_m / 2
-    return low, low + np.array(grid.shape) * grid.voxel_m
 
 
 def _hull(case: _Case, votes: Votes, cameras: Sequence[int]) -> NDArray[np.bool_]:
@@ -236,7 +230,7 @@ def _judge_cameras(
     faults: list[str],
     notes: list[str],
 ) -> tuple[int, ...]:
-    """Say which cameras disagree; return those that agree, none where that is not known."""
+    """Say which cameras disagree; return those that agree, none where films are mixed up."""
     usable = case.usable
     worst = min(float(explained[c]) for c in usable)
     if worst >= case.settings.consistent:
@@ -250,7 +244,7 @@ def _judge_cameras(
             f"the films of camera {one!r} and {other!r} are exchanged, or their calibrations: as "
             f"they are, the hull explains only {worst:.0%} of a silhouette; rename them"
         )
-        return others if blamed else ()
+        return ()
     harm = min(float(explained[c]) for c in others)
     if blamed:
         said = _blame(case, blamed, explained)
@@ -347,35 +341,28 @@ def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -
     return case.usable
 
 
-def _inside(points: NDArray[np.float64], grid: VoxelGrid, beyond_m: float) -> NDArray[np.bool_]:
-    low, high = _corners(grid)
-    inside = (points >= low - beyond_m) & (points <= high + beyond_m)
-    return np.asarray(inside.all(axis=1))
-
-
 def _empty_frames(case: _Case) -> list[int]:
     """Return the frames in which the hull of all cameras has no voxel in the volume."""
     empty = []
     for frame, votes in enumerate(case.votes):
         points = votes.points[_hull(case, votes, case.usable)]
-        if not _inside(points, case.grid, 0.0).any():
+        if not is_inside(points, case.grid).any():
             empty.append(frame)
     return empty
 
 
-def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> bool:
-    """Say how much of the hull is outside the volume; return whether there is any hull."""
+def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
+    """Say how much of the hull is outside the volume."""
     hulls = [
         main_parts(votes.points[_hull(case, votes, trusted)], case.scene.voxel_m)
         for votes in case.votes
     ]
     points = np.concatenate(hulls)
-    if not len(points):
-        return False
-    share = float((~_inside(points, case.grid, case.scene.voxel_m)).mean())
-    if share == 0.0:
-        return True
-    floor_m = float(_corners(case.grid)[0][1])
+    outside = ~is_inside(points, case.grid, case.scene.voxel_m)
+    if not outside.any():
+        return
+    share = float(outside.mean())
+    floor_m = float(grid_corners(case.grid)[0][1])
     center, size = fitting_box(points, floor_m, case.settings.margin_m)
     said = (
         f"{share:.1%} of the performer is outside the volume; center_m = {center} and size_m = "
@@ -385,24 +372,19 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         faults.append(said)
     else:
         notes.append(f"{said}.")
-    return True
 
 
 def _judge_hulls(
-    share: NDArray[np.float64], empty: Sequence[int], agreed: bool, faults: list[str],
-    notes: list[str],
-) -> None:  # fmt: skip
+    share: NDArray[np.float64], empty: Sequence[int], faults: list[str], notes: list[str]
+) -> None:
     """Say in how many frames nothing is carved."""
-    if not empty or not agreed:
-        return
-    nobody = int((~share.any(axis=1)).sum())
-    said = f"Nothing is carved in {len(empty)} of the {len(share)} frames looked at"
+    said = f"othing is carved in {len(empty)} of the {len(share)} frames looked at"
     if len(empty) == len(share):
-        faults.append(f"nothing is carved in any of the {len(share)} frames looked at")
-    elif nobody == len(empty):
-        notes.append(f"{said}: nobody is seen there.")
-    else:
-        notes.append(f"{said}; they are stored as empty.")
+        faults.append(f"n{said}: look at the silhouettes")
+    elif len(empty) == (~share.any(axis=1)).sum():
+        notes.append(f"N{said}: nobody is seen there.")
+    elif empty:
+        notes.append(f"N{said}; they are stored as empty.")
 
 
 def _filled_fault(name: str, share: NDArray[np.float64]) -> str:
@@ -418,3 +400,36 @@ def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSetting
         f"{seen} in any of the frames looked at, and {usable} cameras are left, where at least "
         f"{settings.min_cameras} are wanted: look at the films and backgrounds"
     )
+
+
+def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> list[str]:
+    """Compare the silhouettes of a few frames of a take with each other; return what to note.
+
+    Parameters
+    ----------
+    archive, capture
+        Where the blocks are, and the folder with the calibration and the volume.
+    blocks
+        As `tasks.silhouettes.extract_block` returned them, in the order of the frames.
+
+    Raises
+    ------
+    InputError
+        If the silhouettes cannot be of one performer in the volume: all that is wrong.
+    """
+    source = read_capture(Path(capture))
+    place = open_archive(archive).place
+    chosen = np.unique(np.linspace(0, source.frames - 1, _FRAMES_LOOKED_AT).round().astype(int))
+    _, columns = largest_image(source.cameras)
+    packed = [
+        read_block(place, block)["silhouette"][inside - block["start"]]
+        for block in blocks
+        if len(inside := chosen[(chosen >= block["start"]) & (chosen < block["end"])])
+    ]
+    silhouettes = np.unpackbits(np.concatenate(packed), axis=-1, count=columns).astype(np.bool_)
+    names = [camera.name for camera in source.cameras]
+    found = check_agreement(silhouettes, projection_of(source.cameras), grid_of(source), names)
+    if found.faults:
+        faults = "\n".join(f"- {fault}" for fault in found.faults)
+        raise InputError(f"{capture} cannot be digitized:\n{faults}")
+    return list(found.notes)

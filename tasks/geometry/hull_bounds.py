@@ -6,6 +6,23 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from tasks.geometry.voxels import VoxelGrid
+
+
+def grid_corners(grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and the highest corner (3,) of a grid, m."""
+    low = np.array(grid.origin_m) - grid.voxel_m / 2
+    return low, low + np.array(grid.shape) * grid.voxel_m
+
+
+def is_inside(
+    points: NDArray[np.float64], grid: VoxelGrid, beyond_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """Return (point,) whether points (point, 3) lie in a grid, or so little beyond its sides."""
+    low, high = grid_corners(grid)
+    inside = (points >= low - beyond_m) & (points <= high + beyond_m)
+    return np.asarray(inside.all(axis=1))
+
 
 def main_parts(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
     """Return the voxels (voxel, 3) of a hull without the scraps that silhouettes leave elsewhere.

@@ -1,4 +1,4 @@
-"""Motion files into the takes of an archive, each searchable when it is published."""
+"""Motion files and captures into the takes of an archive."""
 
 import logging
 from dataclasses import asdict, dataclass, field
@@ -13,9 +13,10 @@ from prefect.artifacts import (
 from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import ThreadPoolTaskRunner
 
+from flows.digitization import digitize_take
 from storage import create_archive
 from storage.errors import ArchiveError, InputError, PlaceError
-from storage.recordings import Recording, Refusal, find_motion_files, plan_takes
+from storage.recordings import Recording, Refusal, find_recordings, plan_takes
 from tasks.cached import import_take_once, index_take_once
 from tasks.importing import ImportSettings, publish_take
 
@@ -24,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one file."""
+    """What became of one motion file or capture."""
 
     path: str
     status: str
@@ -45,19 +46,19 @@ class Outcome:
 def ingest_archive(
     archive: str, paths: list[str], settings: ImportSettings | None = None
 ) -> list[Outcome]:
-    """Take every motion file among and below `paths` into the archive at `archive`.
+    """Take every motion file and capture among and below `paths` into the archive at `archive`.
 
-    A file that cannot be used is recorded with its reason, and the others go on.
+    What cannot be used is recorded with its reason, and the others go on.
     """
     settings = settings or ImportSettings()
-    files, notes = find_motion_files(paths)
+    found = find_recordings(paths)
     opened = create_archive(archive)
-    plan = plan_takes(opened, files)
-    for note in notes + plan.notes:
+    plan = plan_takes(opened, found)
+    for note in plan.notes:
         logger.warning("%s", note)
     total = len(plan.recordings)
     progress = create_progress_artifact(
-        progress=0.0, key="ingest-progress", description=f"{total} motion files into {archive}"
+        progress=0.0, key="ingest-progress", description=f"{total} recordings into {archive}"
     )
     runs = [ingest_take.submit(opened.location, each, settings) for each in plan.recordings]
     outcomes = [_refused(each) for each in plan.refusals]
@@ -73,8 +74,11 @@ def ingest_archive(
 
 @task(task_run_name="ingest {recording.take}", cache_policy=NO_CACHE)
 def ingest_take(archive: str, recording: Recording, settings: ImportSettings) -> Outcome:
-    """Import one file, index it, and publish both at once."""
+    """Import one file, index it, and publish both at once; or digitize one capture."""
     try:
+        if recording.kind == "capture":
+            draft = digitize_take(archive, recording)
+            return _finished(recording, draft, published=draft["published"])
         draft = import_take_once(archive=archive, recording=recording, settings=settings)
         index_take_once(archive=archive, take=draft["take"], version=draft["version"])
         published = publish_take(archive, draft)
@@ -82,6 +86,11 @@ def ingest_take(archive: str, recording: Recording, settings: ImportSettings) ->
         return Outcome(recording.path, "refused", recording.take, reason=str(error))
     except PlaceError as error:
         return Outcome(recording.path, "failed", recording.take, reason=str(error))
+    return _finished(recording, draft, published=published)
+
+
+def _finished(recording: Recording, draft: dict[str, Any], *, published: bool) -> Outcome:
+    """Return the outcome of a recording that is in the archive."""
     return Outcome(
         recording.path,
         "ingested" if published else "unchanged",

@@ -1,6 +1,6 @@
 """What a stage has made of a block of frames, between two tasks: a file below work/.
 
-    work/<take>/<name>.npz.zst    arrays by name
+    work/<take>/<name>.npz.zst    arrays by name, of some consecutive frames
 
 A block is written in one atomic operation, under a name that says all that it was made from, and
 is read only if its SHA-256 is the one that its writer gave. So a run can be killed anywhere, and
@@ -8,8 +8,10 @@ the next one goes on where it was; when the take is published, its blocks go.
 """
 
 import io
+import time
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 from numcodecs.zstd import Zstd
@@ -22,17 +24,29 @@ from storage.provenance import digest_bytes
 _ZSTD = Zstd(level=1)
 
 
-def write_block(place: Place, path: str, arrays: Mapping[str, NDArray]) -> str:
-    """Write arrays under `path` and return their SHA-256; equal arrays give equal bytes."""
+def write_block(
+    place: Place, path: str, frames: tuple[int, int], arrays: Mapping[str, NDArray], begun: float
+) -> dict[str, Any]:
+    """Write the arrays of the frames from one to before another; return what finds them again.
+
+    Returns
+    -------
+    dict
+        `path`, `start`, `end` and `sha256`, as JSON can hold them; equal arrays give an equal
+        SHA-256. And `seconds` since `begun`, of `time.monotonic()`.
+    """
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **dict(sorted(arrays.items())))
     packed = bytes(_ZSTD.encode(content.getbuffer()))
     write_file(place, path, packed)
-    return digest_bytes(packed)
+    seconds = round(time.monotonic() - begun, 3)
+    start, end = frames
+    digest = digest_bytes(packed)
+    return {"path": path, "start": start, "end": end, "sha256": digest, "seconds": seconds}
 
 
-def read_block(place: Place, path: str, digest: str) -> dict[str, NDArray]:
-    """Return the arrays under `path`.
+def read_block(place: Place, block: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Return the arrays of a block.
 
     Raises
     ------
@@ -40,24 +54,40 @@ def read_block(place: Place, path: str, digest: str) -> dict[str, NDArray]:
         If they are gone, or not what was written.
     """
     try:
-        packed = read_file(place, path)
+        packed = read_file(place, block["path"])
     except FileNotFoundError:
         packed = b""
-    if digest_bytes(packed) != digest:
-        raise ArchiveError(f"{place.url(path)} was changed or removed during the run; run it again")
+    if digest_bytes(packed) != block["sha256"]:
+        raise ArchiveError(
+            f"{place.url(block['path'])} was changed or removed during the run; run it again"
+        )
     with np.load(io.BytesIO(_ZSTD.decode(packed)), allow_pickle=False) as arrays:
         return dict(arrays)
 
 
-def has_block(place: Place, path: str, digest: str) -> bool:
-    """Say whether what was written under `path` is still there, every byte of it."""
+def has_block(place: Place, block: Mapping[str, Any]) -> bool:
+    """Say whether a block is still there, every byte of it."""
     try:
-        return digest_bytes(read_file(place, path)) == digest
+        return digest_bytes(read_file(place, block["path"])) == block["sha256"]
     except FileNotFoundError:
         return False
 
 
-def discard_blocks(place: Place, take: str) -> None:
-    """Remove the blocks of a take, as far as that goes."""
+def block_path(take: str, digest: str, stage: str, start: int) -> str:
+    """Return where the block of a stage that begins at frame `start` lives in the archive.
+
+    `digest` is that of the capture.
+    """
+    return f"{_block_prefix(take, digest)}{stage}-{start:08d}.npz.zst"
+
+
+def discard_blocks(place: Place, take: str, digest: str) -> None:
+    """Remove the blocks made of a capture, as far as that goes."""
+    prefix = _block_prefix(take, digest)
     with suppress(OSError):
-        delete_files(place, [file.path for file in list_files(place, f"work/{take}")])
+        found = [file.path for file in list_files(place, f"work/{take}")]
+        delete_files(place, [path for path in found if path.startswith(prefix)])
+
+
+def _block_prefix(take: str, digest: str) -> str:
+    return f"work/{take}/{digest[:12]}-"

@@ -1,36 +1,37 @@
-"""What users bring: which files of a folder are motion files, what they are called, who danced."""
+"""What users bring: motion files and captures in folders, what they are called, who danced."""
 
+import hashlib
 import json
 import os
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from storage.archive import Archive, take_name
 from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
+from storage.formats.capture_toml import MARK, read_capture_toml
 from storage.places import read_file, write_file
 from storage.provenance import digest_file
 from storage.publication import Record, read_record
 
-_CAPTURE_MARK = "capture.toml"
-
 
 @dataclass(frozen=True)
 class Recording:
-    """A motion file on its way into an archive."""
+    """A motion file or a capture on its way into an archive."""
 
     path: str
     digest: str
-    """SHA-256 of the file."""
+    """SHA-256 of the file, or of all that is in the folder."""
     take: str
     """The take that it becomes."""
     metadata: dict[str, Any]
-    """From the .toml beside it: Dublin Core names, as the user wrote them."""
+    """From the .toml beside it, or in the capture: Dublin Core names, as the user wrote them."""
     stature_m: float | None = None
     """Also from there."""
+    kind: Literal["motion", "capture"] = "motion"
 
 
 @dataclass(frozen=True)
@@ -51,63 +52,107 @@ class Plan:
     """What was passed over without being wrong."""
 
 
-def find_motion_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[str]]:
-    """Return the motion files among `paths` and below the folders among them, and what to say.
+def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    """Return the motion files and captures among `paths` and below the folders among them.
 
     Raises
     ------
     InputError
-        If a path is not there or is no motion file, or if nothing is found; all faults at once.
+        If a path is not there or is neither, or if nothing is found; all faults at once.
     """
-    files: list[Path] = []
-    notes: list[str] = []
+    wanted = f"a motion file ({', '.join(MOTION_SUFFIXES)}) or a capture (a folder with {MARK})"
+    found: list[Path] = []
     faults: list[str] = []
     for path in map(Path, paths):
         if path.is_dir():
-            found = sorted(_motion_files(path, notes))
-            files += found
-            if not found and not notes:
-                faults.append(f"{path} holds no motion file ({', '.join(MOTION_SUFFIXES)})")
+            below = sorted(_recordings_below(path))
+            found += below
+            if not below:
+                faults.append(f"{path} holds neither {wanted.replace(' or ', ' nor ')}")
         elif not path.exists():
             faults.append(f"{path} is not there")
         elif path.suffix.lower() not in MOTION_SUFFIXES:
-            faults.append(f"{path} is no motion file ({', '.join(MOTION_SUFFIXES)})")
+            faults.append(f"{path} is neither {wanted.replace(' or ', ' nor ')}")
         else:
-            files.append(path)
-    if not files and not faults:
-        faults.append(f"nothing to ingest: {'; '.join(notes)}")
+            found.append(path)
     if faults:
         raise InputError("; ".join(faults))
-    return list(dict.fromkeys(file.absolute() for file in files)), notes
+    return list(dict.fromkeys(path.absolute() for path in found))
 
 
-def plan_takes(archive: Archive, files: Sequence[Path]) -> Plan:
-    """Give each file the take that it becomes, without looking inside.
+def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
+    """Give each motion file and capture the take that it becomes, without looking inside.
 
-    A file whose content the archive has already stays the take it is, whatever it is called now.
-    Otherwise it becomes a new version of the take that was made from the same path, or a new
-    take under the name of the file, or of its folder and the file where that name is taken.
+    What the archive has already stays the take it is, whatever it is called now. Otherwise it
+    becomes a new version of the take that was made from the same path, or a new take: a capture
+    under its id or the name of its folder, a file under its name, or that of its folder and the
+    file where that name is taken.
     """
     plan = Plan()
     claimed: dict[str, str] = {}
     digests: dict[str, str] = {}
-    for file in files:
+    for path in paths:
         try:
-            digest = digest_file(file)
-            if digest in digests and file.stat().st_size:
-                plan.notes.append(f"{file} is the same, byte for byte, as {digests[digest]}")
-                continue
-            metadata = read_metadata(file)
-            take = _choose_take(archive, file, digest, metadata, claimed)
-            stature_m = _stature(file, metadata)
+            recording = (
+                _plan_capture(archive, path, digests, claimed)
+                if path.is_dir()
+                else _plan_file(archive, path, digests, claimed)
+            )
         except (InputError, OSError) as error:
-            plan.refusals.append(Refusal(str(file), _sentence(file, error)))
+            plan.refusals.append(Refusal(str(path), _sentence(path, error)))
             continue
-        digests[digest] = str(file)
-        claimed[take] = str(file)
-        kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
-        plan.recordings.append(Recording(str(file), digest, take, kept, stature_m))
+        if not recording.take:
+            same = digests[recording.digest]
+            plan.notes.append(f"{path} is the same, byte for byte, as {same}")
+            continue
+        digests[recording.digest] = str(path)
+        claimed[recording.take] = str(path)
+        plan.recordings.append(recording)
     return plan
+
+
+def _plan_capture(
+    archive: Archive, folder: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a capture becomes, or one without a name where it came before."""
+    said = read_capture_toml(folder, [], [])  # what is wrong in it is said by its reader
+    digest = digest_capture(folder)
+    if digest in digests:
+        return Recording(str(folder), digest, "", {}, None, "capture")
+    known = _take_of_content(archive, digest)
+    take = known if known and known not in claimed else said.take
+    record = read_record(archive.place, take)
+    if take in claimed or (record and not _made_from(record, folder, digest)):
+        holder = claimed.get(take) or (record.source["path"] if record else "another run")
+        raise InputError(
+            f"the name {take!r} is already the take of {holder}; rename the folder, or give it "
+            f'another name by id = "..." under [take] in {MARK}'
+        )
+    return Recording(str(folder), digest, take, said.metadata, said.stature_m, "capture")
+
+
+def _plan_file(
+    archive: Archive, file: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a motion file becomes, or one without a name where it came before."""
+    digest = digest_file(file)
+    if digest in digests and file.stat().st_size:
+        return Recording(str(file), digest, "", {})
+    metadata = read_metadata(file)
+    take = _choose_take(archive, file, digest, metadata, claimed)
+    stature_m = _stature(file, metadata)
+    kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
+    return Recording(str(file), digest, take, kept, stature_m)
+
+
+def digest_capture(folder: Path) -> str:
+    """Return the SHA-256 of the names and contents of all that is in a capture."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        if path.is_file() and not any(part.startswith(".") for part in name.parts):
+            digest.update(f"{name.as_posix()}\0{digest_file(path)}\n".encode())
+    return digest.hexdigest()
 
 
 def read_metadata(motion_file: Path) -> dict[str, Any]:
@@ -138,12 +183,12 @@ def remember_source(archive: Archive, record: Record) -> None:
     write_file(archive.place, _source_path(record.source["digest"]), content)
 
 
-def _motion_files(folder: Path, notes: list[str]) -> list[Path]:
-    """Collect the motion files below a folder; captures are said and passed over."""
+def _recordings_below(folder: Path) -> list[Path]:
+    """Collect the motion files and the captures below a folder."""
     found = []
     for above, folders, names in os.walk(folder):
-        if _CAPTURE_MARK in names:
-            notes.append(f"{above} is a capture; this version of shosa takes motion files only")
+        if MARK in names:
+            found.append(Path(above))
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]

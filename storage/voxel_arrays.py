@@ -142,7 +142,8 @@ def write_voxels(
     offsets: Mapping[str, NDArray[np.int64]],
     parts: Mapping[str, Iterable[NDArray]],
     *,
-    attributes: dict[str, Any],
+    attributes: Mapping[str, Any],
+    array_attributes: Mapping[str, dict[str, Any]],
     rate_hz: float,
 ) -> None:
     """Write the group `voxels` of the version in `folder`.
@@ -155,6 +156,8 @@ def write_voxels(
         Stretches of each ragged array, in order, by its name in `RAGGED`.
     attributes
         `origin_m`, `voxel_m`, `shape` and `provenance` among them.
+    array_attributes
+        By the name of an array: where it comes from another stage than the runs, `provenance`.
     """
     frames = len(offsets["run"]) - 1
     with told(f"write {place.url(folder)}"):
@@ -175,6 +178,7 @@ def write_voxels(
                 shards=(shard, *entry),
                 compressors=[_ZSTD],
                 dimension_names=(over, *(("rgb",) if entry else ())),
+                attributes=array_attributes.get(name),
             )
             for start, part in _regrouped(stretches, shard):
                 array[start : start + len(part)] = part

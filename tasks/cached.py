@@ -14,9 +14,14 @@ from prefect import Task, task
 from prefect.cache_policies import CacheKeyFnPolicy
 from prefect.context import TaskRunContext
 
+from storage import open_archive
+from storage.blocks import has_block
+from tasks.carving import carve_block
+from tasks.coloring import color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
+from tasks.silhouettes import extract_block
 
 
 def cached(
@@ -56,5 +61,13 @@ def cached(
     return run
 
 
+def _is_there(block: dict[str, Any], archive: str, **_: Any) -> bool:
+    """Say whether a block that a stage wrote is still there, every byte of it."""
+    return has_block(open_archive(archive).place, block)
+
+
+extract_block_once = cached(extract_block, run_name="silhouettes {into}", is_intact=_is_there)
+carve_block_once = cached(carve_block, run_name="carve {into}", is_intact=_is_there)
+color_block_once = cached(color_block, run_name="color {into}", is_intact=_is_there)
 import_take_once = cached(import_take, run_name="import {recording.take}", is_intact=is_imported)
 index_take_once = cached(index_take, run_name="index {take}", is_intact=is_indexed)

@@ -11,16 +11,24 @@ by exchanging them.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.blocks import read_block
+from storage.errors import InputError
+from storage.formats.capture import read_capture
 from storage.formats.reading import listed
+from tasks.capture_films import grid_of, largest_image, projection_of
 from tasks.geometry.hull_bounds import fitting_box, grid_corners, is_inside, main_parts
 from tasks.geometry.projection import Projection, camera_centers
 from tasks.geometry.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
 from tasks.geometry.voxels import VoxelGrid
 
+_FRAMES_LOOKED_AT = 8
 _MOST_TRIALS = 10  # exchanges of films, all of those of five cameras; 0.2 s each
 
 

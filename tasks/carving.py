@@ -14,17 +14,23 @@ bound of the lens' second derivatives, the bent image lies within |J| (da, db) +
 / 2 of the bent center (Taylor; J is the Jacobian there).
 """
 
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.blocks import read_block, write_block
+from storage.formats.capture import read_capture
+from tasks.capture_films import grid_of, largest_image, projection_of, side_by_side
 from tasks.geometry.integral_images import count_pixels
 from tasks.geometry.lens_bounds import lens_table
 from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import WORD, VoxelGrid, VoxelRuns, read_bits
+from tasks.geometry.voxels import WORD, VoxelGrid, VoxelRuns, join_runs, read_bits
 
 _MOST_CAMERAS = 62  # the cameras that are undecided about a box are bits of one number
 _BOX = WORD  # voxels on a side of the boxes that carving starts with: none straddles words
@@ -389,3 +395,41 @@ def _lay_out(axes: Any, box: Any, points: Any) -> Any:
                 points[0, count], points[1, count], points[2, count] = xs[x], ys[y], zs[z]
                 count += 1
     return count
+
+
+def carve_block(
+    archive: str, capture: str, digest: str, silhouettes: dict[str, Any], into: str,
+    settings: CarvingSettings,
+) -> dict[str, Any]:  # fmt: skip
+    """Write the hulls of the frames of a block of silhouettes as a block.
+
+    Parameters
+    ----------
+    capture, digest
+        The folder with the calibration and the volume, and the digest of what is in it.
+    silhouettes
+        As `tasks.silhouettes.extract_block` returned it.
+    into
+        Path of the block in the archive.
+    settings
+        How strictly.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`; the arrays are those of `VoxelRuns`.
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    place = open_archive(archive).place
+    packed = read_block(place, silhouettes)["silhouette"]
+    projection, grid = projection_of(source.cameras), grid_of(source)
+    _, columns = largest_image(source.cameras)
+
+    def carve(frame: int) -> VoxelRuns:
+        silhouette = np.unpackbits(packed[frame], axis=-1, count=columns).astype(np.bool_)
+        return carve_visual_hull(silhouette, projection, grid, settings)
+
+    runs = join_runs(side_by_side(carve, range(len(packed))))
+    arrays = {"start": runs.start, "length": runs.length, "offset": runs.offset}
+    return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)

@@ -15,19 +15,32 @@ symmetric, as on thin cloth, there is none, and every camera is in front.
 """
 
 import math
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.blocks import read_block, write_block
+from storage.formats.capture import read_capture
+from tasks.capture_films import (
+    grid_of,
+    largest_image,
+    projection_of,
+    read_films,
+    side_by_side,
+)
 from tasks.geometry.projection import Projection, camera_centers, project_points
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
     padded_crop,
     surface_voxels,
+    take_frame,
     voxel_centers,
     voxel_index,
 )
@@ -320,3 +333,60 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
                             least = distance
                             nearest[n, 0], nearest[n, 1], nearest[n, 2] = i, j, k
             reach += 1
+
+
+def color_block(
+    archive: str, capture: str, digest: str, silhouettes: dict[str, Any], hulls: dict[str, Any],
+    into: str, settings: ColoringSettings,
+) -> dict[str, Any]:  # fmt: skip
+    """Write the colors of the surfaces of a block of hulls as a block.
+
+    Parameters
+    ----------
+    capture, digest
+        The folder with the films, and the digest of what is in it.
+    silhouettes, hulls
+        As `tasks.silhouettes.extract_block` and `tasks.carving.carve_block` returned them.
+    into
+        Path of the block in the archive.
+    settings
+        How visibility is decided.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`; the arrays are `is_surface` (voxel,) bool, `color`
+        (surface voxel, 3), `camera` (surface voxel,) and `offset` (frame + 1,) of a frame's
+        surface voxels.
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    place = open_archive(archive).place
+    packed = read_block(place, silhouettes)["silhouette"]
+    projection, grid = projection_of(source.cameras), grid_of(source)
+    runs = VoxelRuns(**read_block(place, hulls), shape=grid.shape)
+    start, end = silhouettes["start"], silhouettes["end"]
+    rows, columns = largest_image(source.cameras)
+    parts: list[tuple[NDArray[np.bool_], SurfaceColors]] = []
+    for first, films in read_films(source, start, end):
+
+        def color(frame: int, first: int = first, films: Any = films) -> Any:
+            images = np.zeros((len(films), rows, columns, 3), np.uint8)
+            for image, film in zip(images, films, strict=True):
+                filmed = film[frame - first]
+                image[: filmed.shape[0], : filmed.shape[1]] = filmed
+            hull = take_frame(runs, frame - start)
+            silhouette = np.unpackbits(packed[frame - start], axis=-1, count=columns)
+            seen = silhouette.astype(np.bool_)
+            colored = color_surface(hull, grid, images, seen, projection, settings)
+            return surface_voxels(hull, 0), colored
+
+        parts += side_by_side(color, range(first, first + len(films[0])))
+    counts = [len(colored.color) for _, colored in parts]
+    arrays = {
+        "is_surface": np.concatenate([flags for flags, _ in parts]),
+        "color": np.concatenate([colored.color for _, colored in parts]),
+        "camera": np.concatenate([colored.camera for _, colored in parts]),
+        "offset": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+    }
+    return write_block(place, into, (start, end), arrays, begun)

@@ -13,7 +13,9 @@ Both compare pictures smoothed by 1-2-1, which is less than the camera and its c
 A frame is judged by itself, so that a take may be cut into blocks anywhere.
 """
 
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -21,6 +23,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.blocks import write_block
+from storage.formats.capture import read_capture
+from tasks.capture_films import largest_image, read_backgrounds, read_films, side_by_side
 from tasks.geometry.background import Background, measure_gain, smooth
 
 RULES = ("chroma", "crcb")
@@ -274,3 +280,51 @@ def _draw_outline(image, color, zone, reach, cut, outlined):
             along = (image[i, j, 0] - br) * dr + (image[i, j, 1] - bg) * dg
             along += (image[i, j, 2] - bb) * db
             outlined[i, j] = along > cut * (dr * dr + dg * dg + db * db)
+
+
+def extract_block(
+    archive: str, capture: str, digest: str, into: str, start: int, end: int,
+    settings: SilhouetteSettings,
+) -> dict[str, Any]:  # fmt: skip
+    """Write the silhouettes of all cameras from frame `start` to before `end` as a block.
+
+    Parameters
+    ----------
+    archive
+        Where the block goes.
+    capture, digest
+        The folder, and the digest of what is in it.
+    into
+        Path of the block in the archive.
+    settings
+        The rule and its numbers.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`; the array `silhouette` is (time, camera, row, column / 8),
+        packed along the columns; beside an image smaller than the others it is False.
+
+    Raises
+    ------
+    InputError
+        If the capture cannot be read.
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    backgrounds = read_backgrounds(source)
+    rows, columns = largest_image(source.cameras)
+    shape = (end - start, len(source.cameras), rows, -(-columns // 8))
+    packed = np.zeros(shape, np.uint8)
+    for first, films in read_films(source, start, end):
+
+        def extract(camera: int, first: int = first, films: Any = films) -> None:
+            found = np.packbits(
+                extract_silhouettes(films[camera], backgrounds[camera], settings), axis=-1
+            )
+            part = packed[first - start : first - start + len(found), camera]
+            part[:, : found.shape[1], : found.shape[2]] = found
+
+        side_by_side(extract, range(len(films)))
+    place = open_archive(archive).place
+    return write_block(place, into, (start, end), {"silhouette": packed}, begun)

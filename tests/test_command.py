@@ -14,7 +14,7 @@ from flows.command import build_parser, main, parse_frames
 from storage import create_archive, open_archive
 from storage.errors import PlaceError
 from storage.formats import read_motion_file
-from storage.recordings import find_motion_files, plan_takes
+from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS
 from storage.search_arrays import search_array_path
 from tasks.importing import ImportSettings, import_take, publish_take
@@ -36,7 +36,7 @@ def archive(tmp_path, write_walk):
         write_walk(folder / f"{name}.trc", seed=number, frames=80 + number)
     (folder / "okuri48.toml").write_text('[take]\ntitle = "Okuri 48"\nperformer = "TK"\n')
     location = tmp_path / "archive"
-    plan = plan_takes(create_archive(location), find_motion_files([folder])[0])
+    plan = plan_takes(create_archive(location), find_recordings([folder]))
     for recording in plan.recordings:
         draft = import_take(str(location), recording, ImportSettings())
         index_take(str(location), draft["take"], draft["version"])

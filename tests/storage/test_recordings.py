@@ -7,7 +7,7 @@ import pytest
 from storage import create_archive
 from storage.errors import InputError
 from storage.publication import publish_record
-from storage.recordings import find_motion_files, plan_takes, read_metadata, remember_source
+from storage.recordings import find_recordings, plan_takes, read_metadata, remember_source
 
 from .takes import write_version
 
@@ -37,7 +37,7 @@ def take_in(archive, recording):
 
 
 def plan(archive, *paths):
-    return plan_takes(archive, find_motion_files(paths)[0])
+    return plan_takes(archive, find_recordings(paths))
 
 
 def names(plan):
@@ -45,7 +45,7 @@ def names(plan):
 
 
 def test_every_motion_file_below_a_folder_is_found(inbox):
-    files, notes = find_motion_files([inbox])
+    files, notes = find_recordings([inbox])
     assert [file.relative_to(inbox).as_posix() for file in files] == [
         "day1/Okuri 48.C3D",
         "day1/walk.bvh",
@@ -58,7 +58,7 @@ def test_what_cannot_be_ingested_is_said_all_at_once(inbox, tmp_path):
     (tmp_path / "empty").mkdir()
     paths = [inbox / "none.bvh", inbox / "day1/readme.txt", tmp_path / "empty"]
     with pytest.raises(InputError) as caught:
-        find_motion_files(paths)
+        find_recordings(paths)
     for words in ("none.bvh is not there", "readme.txt is no motion file", "empty holds no motion"):
         assert words in str(caught.value)
 
@@ -67,11 +67,11 @@ def test_a_capture_is_passed_over_with_a_word(inbox):
     (inbox / "day3/videos").mkdir(parents=True)
     (inbox / "day3/capture.toml").touch()
     (inbox / "day3/videos/a.bvh").touch()
-    files, [note] = find_motion_files([inbox])
+    files, [note] = find_recordings([inbox])
     assert len(files) == 3
     assert "day3 is a capture" in note
     with pytest.raises(InputError, match=r"nothing to ingest: .*day3 is a capture"):
-        find_motion_files([inbox / "day3"])
+        find_recordings([inbox / "day3"])
 
 
 def test_files_of_one_name_get_the_name_of_their_folder_too(archive, inbox):

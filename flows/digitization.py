@@ -1,0 +1,149 @@
+"""Captures into takes: films -> silhouettes -> visual hulls -> colored voxels."""
+
+import hashlib
+import logging
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from prefect import flow
+from prefect.artifacts import create_progress_artifact, update_progress_artifact
+
+from storage import open_archive
+from storage.blocks import block_path, discard_blocks
+from storage.formats.capture import read_capture
+from storage.publication import read_record
+from storage.recordings import Recording
+from tasks.assembling import Blocks, assemble_take, is_digitized
+from tasks.cached import carve_block_once, color_block_once, extract_block_once
+from tasks.capture_agreement import check_take
+from tasks.capture_films import block_ranges
+from tasks.carving import CarvingSettings, carve_block
+from tasks.coloring import ColoringSettings, color_block
+from tasks.fingerprints import fingerprint
+from tasks.importing import publish_take
+from tasks.silhouettes import SilhouetteSettings, extract_block
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DigitizationSettings:
+    """The settings of every stage from the films to the colored voxels."""
+
+    silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
+    carving: CarvingSettings = field(default_factory=CarvingSettings)
+    coloring: ColoringSettings = field(default_factory=ColoringSettings)
+
+
+@flow(name="digitize_take", flow_run_name="digitize {recording.take}", persist_result=False)
+def digitize_take(
+    archive: str, recording: Recording, settings: DigitizationSettings | None = None
+) -> dict[str, Any]:
+    """Take a capture into the archive at `archive`, stage after stage, block after block.
+
+    A run that was killed is gone on with: the blocks that it finished are not computed again.
+
+    Returns
+    -------
+    dict
+        The fields of the take's `Record`, and `published`: False where the archive had it.
+
+    Raises
+    ------
+    InputError
+        If the capture cannot be digitized, with all that is wrong.
+    """
+    settings = settings or DigitizationSettings()
+    identity = _identity(recording, settings)
+    opened = open_archive(archive)
+    if is_digitized(opened, recording.take, identity):
+        return {**asdict(opened.take(recording.take).record), "published": False}
+    blocks, notes = _compute_blocks(archive, recording, settings)
+    draft = assemble_take(
+        archive,
+        recording.path,
+        recording.digest,
+        recording.take,
+        blocks,
+        settings=asdict(settings),
+        identity=identity,
+        notes=notes,
+    )
+    publish_take(archive, draft)
+    discard_blocks(opened.place, recording.take, recording.digest)
+    record = read_record(opened.place, recording.take)
+    assert record is not None  # it was published just now
+    return {**asdict(record), "published": True}
+
+
+def _compute_blocks(
+    archive: str, recording: Recording, settings: DigitizationSettings
+) -> tuple[Blocks, list[str]]:
+    """Return the blocks of every stage, and what was noted of the silhouettes."""
+    capture = read_capture(Path(recording.path))
+    ranges = block_ranges(capture)
+    tell = _teller(recording.take, 3 * len(ranges), capture.frames)
+    shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
+    blocks: Blocks = {"silhouettes": [], "carving": [], "coloring": []}
+
+    def into(stage: str, start: int) -> str:
+        return block_path(recording.take, recording.digest, stage, start)
+
+    for start, end in ranges:
+        found = extract_block_once(
+            **shared, into=into("silhouettes", start), start=start, end=end,
+            settings=settings.silhouettes,
+        )  # fmt: skip
+        blocks["silhouettes"].append(found)
+        tell("silhouettes", end)
+    notes = check_take(archive, recording.path, blocks["silhouettes"])
+    for silhouettes in map(_named, blocks["silhouettes"]):
+        start, end = silhouettes["start"], silhouettes["end"]
+        hulls = carve_block_once(
+            **shared, silhouettes=silhouettes, into=into("carving", start),
+            settings=settings.carving,
+        )  # fmt: skip
+        tell("carving", end)
+        colors = color_block_once(
+            **shared, silhouettes=silhouettes, hulls=_named(hulls), into=into("coloring", start),
+            settings=settings.coloring,
+        )  # fmt: skip
+        tell("coloring", end)
+        blocks["carving"].append(hulls)
+        blocks["coloring"].append(colors)
+    return blocks, notes
+
+
+def _identity(recording: Recording, settings: DigitizationSettings) -> str:
+    """Name what makes a take what it is: the capture, the settings and the code."""
+    parts = [
+        fingerprint(extract_block, {"settings": settings.silhouettes}),
+        fingerprint(carve_block, {"settings": settings.carving}),
+        fingerprint(color_block, {"settings": settings.coloring}),
+        fingerprint(assemble_take, {}),
+        recording.digest,
+    ]
+    return hashlib.sha256("".join(parts).encode()).hexdigest()
+
+
+def _named(block: dict[str, Any]) -> dict[str, Any]:
+    """Return what names a block, without how long it took."""
+    return {key: value for key, value in block.items() if key != "seconds"}
+
+
+def _teller(take: str, total: int, frames: int) -> Callable[[str, int], None]:
+    """Return what tells that a stage has done a block: a line, and the dashboard's progress."""
+    progress = create_progress_artifact(
+        progress=0.0, key="digitize-progress", description=f"{take}, {frames} frames"
+    )
+    done = 0
+
+    def tell(stage: str, end: int) -> None:
+        nonlocal done
+        done += 1
+        logger.info("    %s: %s %d/%d frames", take, stage, end, frames)
+        update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
+
+    return tell

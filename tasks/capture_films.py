@@ -1,0 +1,127 @@
+"""What the stages read of a capture: its cameras as arrays, its backgrounds, blocks of its films.
+
+No stage and no arithmetic: the part of a store function that several stages share.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.errors import InputError
+from storage.formats.camera import Camera
+from storage.formats.capture import Capture
+from storage.formats.footage import read_picture
+from storage.formats.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
+from tasks.geometry.background import Background, make_background
+from tasks.geometry.projection import Projection
+from tasks.geometry.voxels import VoxelGrid, volume_grid
+
+THREADS = os.cpu_count() or 1
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+_BACKGROUND_FRAMES = 25
+_BLOCK_FRAMES = 300
+_BLOCK_BYTES = 1 << 26  # silhouettes of all cameras, a bit a pixel
+_HELD_BYTES = 1 << 27  # decoded frames of all cameras: two such blocks are in memory
+
+
+def projection_of(cameras: Sequence[Camera]) -> Projection:
+    """Return the cameras of a capture as arrays."""
+    distortion = np.zeros((len(cameras), 8))
+    for row, camera in zip(distortion, cameras, strict=True):
+        row[: len(camera.distortion)] = camera.distortion
+    pose = [np.column_stack([camera.rotation, camera.translation]) for camera in cameras]
+    return Projection(
+        np.stack(pose),
+        np.stack([camera.intrinsics for camera in cameras]),
+        distortion,
+        np.array([(camera.width, camera.height) for camera in cameras]),
+    )
+
+
+def grid_of(capture: Capture) -> VoxelGrid:
+    """Return the voxels of a capture's volume."""
+    volume = capture.volume
+    return volume_grid(volume.center_m, volume.size_m, volume.voxel_m)
+
+
+def largest_image(cameras: Sequence[Camera]) -> tuple[int, int]:
+    """Return rows and columns that hold the image of every camera."""
+    return max(camera.height for camera in cameras), max(camera.width for camera in cameras)
+
+
+def block_ranges(capture: Capture) -> list[tuple[int, int]]:
+    """Return the first frame of each block of a take, and the frame after its last one."""
+    rows, columns = largest_image(capture.cameras)
+    frame_bytes = len(capture.cameras) * rows * columns // 8
+    length = max(8, min(_BLOCK_FRAMES, _BLOCK_BYTES // frame_bytes))
+    return [(n, min(n + length, capture.frames)) for n in range(0, capture.frames, length)]
+
+
+def of_camera(camera: Camera, read: Callable[[], Any]) -> Any:
+    """Read something of a camera; what is wrong with it is said with the camera's name."""
+    try:
+        return read()
+    except InputError as error:
+        raise InputError(f"camera {camera.name!r}: {error}") from error
+
+
+def read_backgrounds(capture: Capture) -> list[Background]:
+    """Return the background of each camera, from a picture or from frames all over a film."""
+    return [
+        of_camera(camera, lambda path=path: _read_background(path))
+        for camera, path in zip(capture.cameras, capture.backgrounds, strict=True)
+    ]
+
+
+def read_films(
+    capture: Capture, start: int, end: int
+) -> Iterator[tuple[int, list[NDArray[np.uint8]]]]:
+    """Yield the frames from `start` to before `end` of all cameras, some at a time.
+
+    How many at a time depends on the size of the images alone, so memory does not grow with the
+    length of a take.
+
+    Yields
+    ------
+    start : int
+        The first frame.
+    frames : list of (time, row, column, 3) uint8
+        RGB, an array a camera.
+
+    Raises
+    ------
+    InputError
+        If a film cannot be read to `end`; its camera is named.
+    """
+    videos = [
+        of_camera(camera, lambda path=path: open_video(path))
+        for camera, path in zip(capture.cameras, capture.videos, strict=True)
+    ]
+    frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
+    block = max(1, min(16, _HELD_BYTES // frame_bytes))
+    yield from read_blocks(videos, block=block, start=start, end=end, workers=THREADS)
+
+
+def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
+    """Return `work` of each item, done in as many threads as there are processors."""
+    if len(items) < 2 or THREADS < 2:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(work, items))
+
+
+def _read_background(path: Path) -> Background:
+    """Return the background of a camera, from a picture or from frames all over a film."""
+    if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
+        return make_background(read_picture(path)[None])
+    video = open_video(path)
+    chosen = np.unique(np.linspace(0, video.frames - 1, _BACKGROUND_FRAMES).round().astype(int))
+    return make_background(np.concatenate([read_frames(video, int(n), int(n) + 1) for n in chosen]))

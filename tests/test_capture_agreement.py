@@ -213,6 +213,7 @@ def test_the_votes_give_the_hull_that_testing_each_voxel_gives(cameras, silhouet
     np.testing.assert_array_equal(hull_of(votes, chosen, 3), inside[chosen].all(axis=0))
     assert ((~inside).sum(axis=0) <= 2).all()
     edge = scene.voxel_m
+    assert 0.01 < edge < 0.03
     volume = hull_of(votes, range(7), 3).sum() * edge**3
     assert 0.05 < volume < 0.2  # a body of balls, and what the silhouettes leave around it
 
@@ -226,6 +227,7 @@ def test_large_silhouettes_are_reduced_with_their_cameras(cameras, silhouettes):
     four = Projection(one.camera_from_world, inner, one.distortion, one.image_size * 4)
     scene = make_scene(large, four, (0.0, 1.0, 0.0), range(len(NAMES)))
     assert scene.silhouettes.shape[3] == 256
+    assert scene.projection.intrinsics[0].tolist() == [[220, 0, 127.5], [0, 220, 95.5], [0, 0, 1]]
     np.testing.assert_array_equal(scene.silhouettes[:, :, ::2, ::2], silhouettes)
     found = check_agreement(large, four, GRID, NAMES)
     assert (found.faults, found.notes) == ((), ())
@@ -238,6 +240,9 @@ def test_scraps_of_a_hull_need_no_room():
     center, size = fitting_box(body + np.array([0.0, 0.03, 0.3]), 0.0, 0.1)
     assert center == [0.1, 0.15, 0.4]
     assert size == [0.4, 0.3, 0.4]
+    for floor_m, lowest in ((-1.0, -0.1), (0.5, 0.0)):
+        center, size = fitting_box(body + np.array([0.0, 0.03, 0.3]), floor_m, 0.1)
+        assert center[1] - size[1] / 2 == pytest.approx(lowest)
 
 
 def test_settings_decide_what_is_said(cameras, silhouettes):

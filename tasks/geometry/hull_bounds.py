@@ -56,8 +56,8 @@ def fitting_box(
     center_m, size_m : list of three float
     """
     low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
-    if low[1] < floor_m <= points[:, 1].min() + margin_m:
-        low[1] = floor_m
+    if low[1] < floor_m:
+        low[1] = min(floor_m, points[:, 1].min())
     low, high = np.floor(low * 10 + 1e-6) / 10, np.ceil(high * 10 - 1e-6) / 10
     center, size = (low + high) / 2, high - low
     return [round(float(v), 2) + 0.0 for v in center], [round(float(v), 1) for v in size]

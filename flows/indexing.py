@@ -23,7 +23,8 @@ _TAKES_A_BLOCK = 64  # about three seconds of takes of a minute; a task run cost
 )
 def index_archive(archive: str) -> list[str]:
     """Make the search arrays of every take anew; return each fault as a sentence."""
-    versions = [(record.take, record.version) for record in open_archive(archive).records()]
+    records = [each for each in open_archive(archive).records() if "motion" in each.stages]
+    versions = [(record.take, record.version) for record in records]
     blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
     progress = create_progress_artifact(
         progress=0.0, key="index-progress", description=f"{len(versions)} takes of {archive}"

@@ -64,7 +64,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
     """Print all that is known of one take."""
     record = take.record
     size = sum(each["bytes"] for each in record.files.values())
-    stature_m, source = (take.motion.attrs[key] for key in ("stature_m", "stature_source"))
+    stature_m, source = _stature(take)
     missing = [joint for joint in JOINTS if joint not in record.joints_present]
     about = {
         **_described(record),
@@ -90,9 +90,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
         "source": f"{record.source['kind']}, {record.source['path']}",
         "length": f"{record.frames:,} frames at {record.rate_hz:g} Hz, "
         f"{record.frames / record.rate_hz:.1f} s",
-        "joints": f"{len(record.joints_present)} of {len(JOINTS)}"
-        + (f" (without {', '.join(missing)})" if missing else ""),
-        "stature": f"{stature_m:.3f} m, {source}" if stature_m else "unknown: compared as 1.6 m",
+        **_motion_lines(record, missing, stature_m, source),
         "stages": ", ".join(record.stages),
         "version": f"{record.number}, published {record.published}",
         "on disk": f"{size / 1e6:.2f} MB in {take.path}",
@@ -102,6 +100,26 @@ def print_take(take: Take, *, as_json: bool) -> None:
         print(f"{name.ljust(width)}  {text}")
     for note in record.notes:
         print(f"{'note'.ljust(width)}  {note}")
+
+
+def _stature(take: Take) -> tuple[float | None, str | None]:
+    """Return a take's stature in metres, and where it is from."""
+    if "motion" not in take.record.stages:
+        return None, None
+    return take.motion.attrs["stature_m"], take.motion.attrs["stature_source"]
+
+
+def _motion_lines(
+    record: Record, missing: Sequence[str], stature_m: float | None, source: str | None
+) -> dict[str, str]:
+    """Return what is said of the joints of a take, and of its stature."""
+    if "motion" not in record.stages:
+        return {"joints": "none: its pose was not fitted, so it is not searched"}
+    return {
+        "joints": f"{len(record.joints_present)} of {len(JOINTS)}"
+        + (f" (without {', '.join(missing)})" if missing else ""),
+        "stature": f"{stature_m:.3f} m, {source}" if stature_m else "unknown: compared as 1.6 m",
+    }
 
 
 def print_outcomes(outcomes: Sequence["Outcome"], *, as_json: bool) -> None:

@@ -355,11 +355,14 @@ def read_packed_takes(
     packed
         In the order of `records`.
     skipped
-        Why, by the name of the take: its search array is missing or damaged.
+        Why, by the name of the take: it has no motion, or its search array is missing or damaged.
     """
     packed: list[PackedTake] = []
     skipped: dict[str, str] = {}
     for record in records:
+        if "motion" not in record.stages:
+            skipped[record.take] = f"take {record.take!r} has no motion, only voxels"
+            continue
         present = np.array([joint in record.joints_present for joint in _JOINTS])
         try:
             rows = open_search_array(place, record.take, record.version)

@@ -83,10 +83,10 @@ def _add_demo(commands: Any) -> None:
 
 
 def _add_ingest(commands: Any) -> None:
-    text = "take captures and motion files (C3D, TRC, BVH) into an archive, through the Prefect flows"
+    text = "take captures and motion files (C3D, TRC, BVH) into an archive, by the Prefect flows"
     ingest = _command(commands, "ingest", _ingest, text)
     ingest.add_argument("archive", metavar="ARCHIVE", help="a directory or s3://bucket/prefix")
-    ingest.add_argument("paths", nargs="+", metavar="PATH", help="a capture, a motion file, a folder")
+    ingest.add_argument("paths", nargs="+", metavar="PATH", help="a capture, a file, a folder")
     ingest.add_argument("--json", action="store_true", help="print the outcome as JSON")
     _add_import_settings(ingest)
     ingest.add_argument("--low-pass", type=float, metavar="HZ", help="smooth the markers")

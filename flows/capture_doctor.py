@@ -3,22 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.camera import Camera
 from storage.formats.capture import Capture, read_capture
-from storage.formats.footage import read_picture
-from storage.formats.video import PICTURE_SUFFIXES, Video, open_video, read_blocks, read_frames
+from storage.formats.video import Video, open_video, read_blocks
 from tasks.capture_agreement import Agreement, check_agreement
 from tasks.capture_checks import draw_capture_checks, draw_silhouette
-from tasks.geometry.background import Background, make_background, measure_gain, smooth
-from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import volume_grid
+from tasks.capture_films import grid_of, of_camera, projection_of, read_backgrounds
+from tasks.geometry.background import Background, measure_gain, smooth
 from tasks.silhouettes import extract_silhouettes
 
 _LOOKED_AT = 8
@@ -26,7 +22,6 @@ _LOOKED_AT = 8
 _WITHIN_S = 60.0
 """From the beginning: a film with one key frame is decoded from there to each frame."""
 _BLOCK = 16
-_BACKGROUND_FRAMES = 25
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
 
@@ -95,33 +90,16 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
     into = into or Path(f"{folder.resolve().name}-doctor")
     if into.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{into} is within the capture, which is left as it is; choose another")
-    backgrounds = [
-        _of_camera(camera, lambda path=path: _background(path))
-        for camera, path in zip(capture.cameras, capture.backgrounds, strict=True)
-    ]
+    backgrounds = read_backgrounds(capture)
     frames = _sampled_frames(capture)
     silhouettes, gains = _silhouettes(frames, backgrounds)
-    volume = capture.volume
-    grid = volume_grid(volume.center_m, volume.size_m, volume.voxel_m)
     names = [camera.name for camera in capture.cameras]
-    agreement = check_agreement(silhouettes, projection_of(capture.cameras), grid, names)
+    agreement = check_agreement(
+        silhouettes, projection_of(capture.cameras), grid_of(capture), names
+    )
     notes = _gain_notes(names, gains)
     pictures = _draw(capture, frames, silhouettes, into)
     return Examination(capture, agreement, (*agreement.notes, *notes), pictures)
-
-
-def projection_of(cameras: Sequence[Camera]) -> Projection:
-    """Return the cameras of a capture as arrays."""
-    distortion = np.zeros((len(cameras), 8))
-    for row, camera in zip(distortion, cameras, strict=True):
-        row[: len(camera.distortion)] = camera.distortion
-    pose = [np.column_stack([camera.rotation, camera.translation]) for camera in cameras]
-    return Projection(
-        np.stack(pose),
-        np.stack([camera.intrinsics for camera in cameras]),
-        distortion,
-        np.array([(camera.width, camera.height) for camera in cameras]),
-    )
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -151,33 +129,16 @@ def _share(share: float) -> str:
     return "-" if np.isnan(share) else f"{share:.0%}"
 
 
-def _of_camera(camera: Camera, read: Callable[[], Any]) -> Any:
-    """Read something of a camera; what is wrong with it is said with the camera's name."""
-    try:
-        return read()
-    except InputError as error:
-        raise InputError(f"camera {camera.name!r}: {error}") from error
-
-
-def _background(path: Path) -> Background:
-    """Return the background of a camera, from a picture or from frames all over a film."""
-    if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
-        return make_background(read_picture(path)[None])
-    video = open_video(path)
-    chosen = np.unique(np.linspace(0, video.frames - 1, _BACKGROUND_FRAMES).round().astype(int))
-    return make_background(np.concatenate([read_frames(video, int(n), int(n) + 1) for n in chosen]))
-
-
 def _sampled_frames(capture: Capture) -> list[NDArray[np.uint8]]:
     """Return a few frames (time, row, column, 3) of each camera, decoding each film once."""
     videos = [
-        _of_camera(camera, lambda path=path: open_video(path))
+        of_camera(camera, lambda path=path: open_video(path))
         for camera, path in zip(capture.cameras, capture.videos, strict=True)
     ]
     end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
     chosen = set(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int).tolist())
     return [
-        _of_camera(camera, lambda video=video: _chosen(video, chosen, end))
+        of_camera(camera, lambda video=video: _chosen(video, chosen, end))
         for camera, video in zip(capture.cameras, videos, strict=True)
     ]
 

@@ -61,6 +61,16 @@ class Take:
         """`intrinsics`, `distortion`, `rotation`, `translation` and `image_size` a camera."""
         return self._group("cameras")
 
+    @property
+    def body(self) -> "xarray.Dataset":
+        """The shape of the 11 segments and the joints it was measured with (Table 1)."""
+        return self._group("body")
+
+    @property
+    def pose(self) -> "xarray.Dataset":
+        """Position and rotation of each segment a frame, and which frames are doubtful."""
+        return self._group("pose")
+
     @cached_property
     def silhouettes(self) -> "xarray.DataArray":
         """`(time, camera, row, column)` bool in the pixels of the videos, read on use."""

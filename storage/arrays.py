@@ -56,17 +56,36 @@ def write_motion(
             "provenance": provenance.attributes(),
         },
     )
-    chunk = min(frames, _FRAMES_A_CHUNK)
-    encoding: dict[str, Any] = {
-        "position": {"chunks": (chunk, len(JOINTS), len(SPACE)), "_FillValue": None},
-        "filled": {"chunks": (chunk, len(JOINTS))},
-        "time": {"_FillValue": None},
-    }
-    store = zarr_store(place, folder)
+    write_group(place, folder, "motion", motion, frames_a_chunk=_FRAMES_A_CHUNK)
+
+
+def write_group(
+    place: Place,
+    folder: str,
+    group: str,
+    dataset: xarray.Dataset,
+    *,
+    frames_a_chunk: int | None = None,
+) -> None:
+    """Write a group of the version in `folder`, which has none of this name.
+
+    Parameters
+    ----------
+    frames_a_chunk
+        How many frames of an array over `time` are stored in a piece; by default all.
+    """
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in dataset.variables.items():
+        kept: dict[str, Any] = {}
+        if variable.dtype.kind == "f":
+            kept["_FillValue"] = None
+        if name not in dataset.coords and variable.dims[:1] == ("time",) and frames_a_chunk:
+            kept["chunks"] = (min(variable.shape[0], frames_a_chunk), *variable.shape[1:])
+        encoding[str(name)] = kept
     with told(f"write {place.url(folder)}"):
-        motion.to_zarr(
-            store,
-            group="motion",
+        dataset.to_zarr(
+            zarr_store(place, folder),
+            group=group,
             mode="w-",
             zarr_format=3,
             consolidated=False,

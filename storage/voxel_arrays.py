@@ -21,7 +21,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from storage.arrays import open_group
+from storage.arrays import open_group, write_group
 from storage.formats.camera import Camera
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
@@ -82,16 +82,7 @@ def write_cameras(
             "provenance": provenance.attributes(),
         },
     )
-    encoding = {str(name): {"_FillValue": None} for name in dataset.data_vars}
-    with told(f"write {place.url(folder)}"):
-        dataset.to_zarr(
-            zarr_store(place, folder),
-            group="cameras",
-            mode="w-",
-            zarr_format=3,
-            consolidated=False,
-            encoding=encoding,
-        )
+    write_group(place, folder, "cameras", dataset)
 
 
 def write_silhouettes(

@@ -254,8 +254,13 @@ def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) 
 
 def _face_cost(candidates: Candidates, model: SkinModel, settings: ExtremitySettings) -> Floats:
     """Return (face candidate,) what each place costs the face."""
-    lacking = 1.0 - np.clip(candidates.face_skin, 0.0, 1.0)
-    return settings.no_skin * model.face_separability * lacking
+    return model.face_separability * _lacking(candidates.face_skin, settings)
+
+
+def _lacking(skin: Floats, settings: ExtremitySettings) -> Floats:
+    """Return (candidate,) what it costs that less skin is seen than in the initial model."""
+    none = 1.0 - np.clip(skin / settings.some_skin, 0.0, 1.0)
+    return settings.no_skin * none + settings.little_skin * (1.0 - np.clip(skin, 0.0, 1.0))
 
 
 def _facing(candidates: Sequence[Candidates], face: Floats, settings: ExtremitySettings) -> Floats:
@@ -288,14 +293,11 @@ def _hand_costs(
     no_end = settings.no_end + (1.0 - known) * settings.no_skin
     costs = []
     for frame, spot, seen in zip(candidates, place, _carry_on(face, start[0]), strict=True):
-        lacking = settings.no_skin * (
-            1.0 - np.clip(frame.hand_skin / settings.some_skin, 0.0, 1.0)
-        ) + settings.little_skin * (1.0 - np.clip(frame.hand_skin, 0.0, 1.0))
         at_face = 2.0 - np.linalg.norm(spot - seen, axis=1) / settings.at_face_within
         reach = np.linalg.norm(spot - seen - below, axis=1)
         beyond = np.maximum(reach - arm - settings.reach_slack, 0.0) / settings.reach_slack
         costs.append(
-            known * lacking
+            known * _lacking(frame.hand_skin, settings)
             + no_end * ~frame.hand_end
             + settings.at_face * np.clip(at_face, 0.0, 1.0)
             + beyond**2

@@ -34,7 +34,7 @@ class Motion:
     """Typical distance after a long time: half of an arm's reach."""
 
     jump: float = 8.0
-    """The most that a way may cost more than standing still, in nats."""
+    """The most that a way may cost, in nats: that of four unseen frames."""
 
     settled_s: float = 0.1
     """A movement goes on for this long at most: dancers' hands turn within it."""
@@ -44,6 +44,9 @@ class Motion:
 
     alone: float = 0.09
     """Two points that are nearer may be one: a hand's length."""
+
+    alike: float = 0.06
+    """Places this near each other say the same: 10 cm, half of a hand's length."""
 
     ghosts: int = 6
     """Places at which an unseen point is remembered."""
@@ -100,16 +103,18 @@ def best_paths(
     position : (time, 2, 3) float64
         Statures; NaN where unseen.
     weight : (time, 2) float64
-        Probability that the point is there, or within a tenth of a stature... of it.
+        Probability that the point is there, or as near as `Motion.alike`.
     cost : (2,) float64
         What the paths cost from the initial frame on, and back from it.
     """
     frames = len(place[0])
     position, weight = np.full((frames, 2, 3), np.nan), np.zeros((frames, 2))
     totals = np.zeros(2)
-    for part, order in enumerate((range(initial_frame, frames), range(initial_frame, -1, -1))):
-        chosen = _Chain(place, cost, start, order, step_s, motion, unseen, together)
-        position[list(order)], weight[list(order)], totals[part] = chosen.solve()
+    ways = [range(initial_frame, frames), range(initial_frame, -1, -1)]
+    for part in sorted((0, 1), key=lambda part: len(ways[part])):  # the longer way's start stays
+        order = list(ways[part])
+        chain = _Chain(place, cost, start, order, step_s, motion, unseen, together)
+        position[order], weight[order], totals[part] = chain.solve()
     return position, weight, totals
 
 
@@ -181,8 +186,8 @@ class _Chain:
         spread = np.hypot(
             np.sqrt(2.0) * motion.noise, np.minimum(motion.speed * time_s, motion.widest)
         )
-        cost = np.minimum(0.5 * (off / spread) ** 2, motion.jump)
-        cost = cost + 3.0 * np.log(np.maximum(spread / one_step, 1.0))
+        cost = 0.5 * (off / spread) ** 2 + 3.0 * np.log(np.maximum(spread / one_step, 1.0))
+        cost = np.minimum(cost, motion.jump)
         cost[way > motion.fastest * time_s + 4.0 * motion.noise] = np.inf
         is_ghost = after.parent >= 0
         cost[:, is_ghost] = np.inf
@@ -201,7 +206,9 @@ class _Chain:
                 if slots.unseen[slot] == 0:
                     position[t, point] = slots.place[slot]
                     seen = slots.unseen == 0
-                    near = np.linalg.norm(slots.place - slots.place[slot], axis=1) < 0.04
+                    near = (
+                        np.linalg.norm(slots.place - slots.place[slot], axis=1) < self.motion.alike
+                    )
                     weight[t, point] = likely[t].sum(axis=1 - point)[near & seen].sum()
             if t:
                 moves = self.moves[t]

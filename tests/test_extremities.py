@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+
+from tasks.geometry.extremities import find_extremities
+from tasks.geometry.skin import SurfaceFrame
+from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, dancer
+
+RATE_HZ = 30.0
+EMPTY = SurfaceFrame(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty(0, np.uint8))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(31)
+
+
+def swing(frames, *, held=4):
+    """Return (time, 2, 3) hands that swing from the sides to the front, one above the other,
+    cross there, and come back: the right one passes 14 cm above the left."""
+    x = np.concatenate([np.zeros(held), np.linspace(0, 2 * np.pi, frames - held)])
+    far = 0.5 + 0.5 * np.cos(x)
+    right = np.stack([0.12 - 0.865 * far, 1.32 - 0.1 * (1 - far), 0.34 * (1 - far)], axis=1)
+    left = np.stack([-0.12 + 0.865 * far, 1.32 - 0.24 * (1 - far), 0.34 * (1 - far)], axis=1)
+    return np.stack([right, left], axis=1)
+
+
+def film(hands, rng, **dressed):
+    return [dancer(h, rng, **dressed) for h in hands]
+
+
+def off(found, hands):
+    """Return (time, 2) how far the hands found are from where they are."""
+    return np.linalg.norm(found.position[:, 1:] - hands, axis=2)
+
+
+@pytest.mark.parametrize("sash", [None, GOLD], ids=["plain", "gold sash"])
+def test_hands_that_cross_keep_their_sides(rng, sash):
+    hands = swing(44)
+    found = find_extremities(film(hands, rng, sash=sash), RATE_HZ, STATURE_M, JOINTS)
+    assert (hands[:, 0, 0] > hands[:, 1, 0] + 0.1).any()
+    assert (off(found, hands) < 0.05).all()
+    assert found.weight[:, 1:].min() > 0.5
+    face = found.position[:, 0] - [0.0, 1.49, 0.07]
+    assert (np.linalg.norm(face, axis=1) < 0.06).all()
+    assert (found.facing[:, 2] > 0.9).all()
+    assert abs(found.facing[:, 0]).max() < 0.2
+
+
+def test_a_turned_performer_is_followed_alike(rng):
+    """Turned about the vertical, moved and made smaller: all places follow."""
+    hands = swing(30)
+    frames = film(hands, rng)
+    turn = np.array([[0.28, 0.0, 0.96], [0.0, 1.0, 0.0], [-0.96, 0.0, 0.28]])
+
+    def moved(place):
+        return 0.8 * place @ turn.T + [3.0, 0.0, -2.0]
+
+    again = find_extremities(
+        [SurfaceFrame(moved(f.center), f.color, f.camera) for f in frames],
+        RATE_HZ,
+        0.8 * STATURE_M,
+        {name: moved(place) for name, place in JOINTS.items()},
+    )
+    assert (off(again, moved(hands)) < 0.04).all()
+    ahead = np.array([0.0, 0.0, 1.0]) @ turn.T
+    assert (again.facing @ ahead > 0.9).all()
+
+
+def test_a_hidden_hand_is_unseen_and_found_again(rng):
+    hands = swing(40)
+    frames = film(hands, rng)
+    hidden = np.zeros(40, bool)
+    hidden[25:33] = True
+    for t in np.flatnonzero(hidden):
+        frames[t] = dancer(hands[t], rng, shown=(True, False))
+    found = find_extremities(frames, RATE_HZ, STATURE_M, JOINTS)
+    error = off(found, hands)
+    assert (error[:, 0] < 0.05).all()
+    assert (error[~hidden, 1] < 0.05).all()
+    unsure = np.isnan(found.position[hidden, 2, 0]) | (found.weight[hidden, 2] < 0.8)
+    assert unsure.mean() > 0.7
+
+
+def test_empty_frames_are_unseen_and_cost_nothing_else(rng):
+    hands = swing(36)
+    frames = film(hands, rng)
+    frames[4:8] = [EMPTY] * 4
+    found = find_extremities(frames, RATE_HZ, STATURE_M, JOINTS)
+    assert np.isnan(found.position[4:8]).all()
+    assert (found.weight[4:8] == 0).all()
+    assert np.isnan(found.facing[4:8]).all()
+    there = np.r_[:4, 8:36]
+    assert (off(found, hands)[there] < 0.05).all()
+    assert len(found.candidates[5].hand) == len(found.hand_cost[5]) == 0
+
+
+def test_the_initial_frame_may_be_any(rng):
+    hands = swing(33)
+    frames = film(hands, rng)[::-1]
+    found = find_extremities(frames, RATE_HZ, STATURE_M, JOINTS, initial_frame=31)
+    assert (off(found, hands[::-1]) < 0.05).all()
+
+
+def test_where_skin_says_nothing_weights_are_low(rng):
+    hands = swing(30)
+    sure = find_extremities(film(hands, rng), RATE_HZ, STATURE_M, JOINTS)
+    gloved = find_extremities(film(hands, rng, hand=CLOTH), RATE_HZ, STATURE_M, JOINTS)
+    nude = find_extremities(film(hands, rng, cloth=SKIN), RATE_HZ, STATURE_M, JOINTS)
+    assert np.median(sure.weight[:, 1:]) > 0.85
+    assert gloved.weight[:, 1:].max() < 0.42
+    assert nude.weight.max() < 0.1
+
+
+def test_each_hand_is_among_the_cheapest_candidates(rng):
+    hands = swing(12)
+    found = find_extremities(film(hands, rng), RATE_HZ, STATURE_M, JOINTS)
+    for t, (frame, cost) in enumerate(zip(found.candidates, found.hand_cost, strict=True)):
+        first = frame.hand[np.argsort(cost)[:3]]
+        apart = np.linalg.norm(first[:, None] - hands[t][None], axis=2).min(axis=0)
+        assert (apart < 0.05).all()
+
+
+def test_what_cannot_be_followed_is_said(rng):
+    frames = film(swing(6), rng)
+    with pytest.raises(ValueError, match=r"rate_hz 0\.0 must be positive; give frames a second"):
+        find_extremities(frames, 0.0, STATURE_M, JOINTS)
+    with pytest.raises(ValueError, match="initial_frame 6 is not one of the take's 6 frames"):
+        find_extremities(frames, RATE_HZ, STATURE_M, JOINTS, initial_frame=6)
+    with pytest.raises(ValueError, match="has no Head; give all of"):
+        find_extremities(frames, RATE_HZ, STATURE_M, replace_joint("Head"))
+
+
+def replace_joint(name):
+    return JOINTS | {name: np.full(3, np.nan)}

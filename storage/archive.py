@@ -125,8 +125,8 @@ class Take:
         """Refuse to read what no stage has written."""
         if name not in self.record.stages:
             raise ArchiveError(
-                f"take {self.name!r}, made from {self.record.source['name']}, has no {name}; "
-                f"it has {', '.join(self.record.stages)}"
+                f"take {self.name!r} has no {name}: made from {self.record.source['name']}, it has "
+                f"{', '.join(self.record.stages) or 'nothing yet'}"
             )
 
 

@@ -1,7 +1,8 @@
 """The demo: generated performances become an archive that is searched and drawn.
 
-Everything goes the way of a user's recordings: motion files of three formats, ingested by the
-flow, searched as by `shosa search`. What each search should find is known, and is counted.
+Everything goes the way of a user's recordings: motion files of three formats and a capture of
+eight cameras, ingested by the flow, searched as by `shosa search`. What each search should find
+is known, and is counted.
 """
 
 from pathlib import Path
@@ -15,6 +16,7 @@ from storage.formats.pictures import write_png
 from storage.formats.writing import write_beside
 from storage.places import told
 from tasks.exporting import write_joint_track
+from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.rendering import draw_overlay, draw_stick_figures
 from tasks.retrieval.normalization import PARTS
 from tasks.searching import Match, SearchSettings
@@ -23,6 +25,8 @@ from tasks.studio import DemoSearch, DemoTake, demo_performances
 _SUFFIXES = (".bvh", ".c3d", ".trc")
 _FOUND_FROM = 0.5  # of the frames that the match and the truth cover together
 _SHOWN = 5
+_FILMED = "radio-tk-filmed"
+_FILM_HZ = 30.0
 
 
 def run_demo(folder: Path) -> bool:
@@ -34,7 +38,11 @@ def run_demo(folder: Path) -> bool:
         (folder / "pictures").mkdir(exist_ok=True)
     for number, take in enumerate(takes):
         _write_recording(recordings, take, _SUFFIXES[number % len(_SUFFIXES)])
-    printing.say(f"{len(takes)} performances of three performers are in {recordings}")
+    _film(recordings / _FILMED, takes[0])
+    printing.say(
+        f"{len(takes)} performances of three performers, and the films of eight cameras of one of "
+        f"them, are in {recordings}"
+    )
     outcomes = ingest_archive(archive, [str(recordings)])
     printing.print_outcomes(outcomes, as_json=False)
     missed = sum(_show_search(archive, search, folder) for search in searches)
@@ -56,6 +64,27 @@ def _write_recording(folder: Path, take: DemoTake, suffix: str) -> None:
     }
     lines = [f'{key} = "{value}"' for key, value in about.items()]
     write_beside(path.with_suffix(".toml"), "\n".join(["[take]", *lines, ""]).encode())
+
+
+def _film(folder: Path, take: DemoTake) -> None:
+    """Film a movement of a performance with eight cameras, unless it was filmed before."""
+    if (folder / "capture.toml").exists():
+        return
+    clip = take.performance.clips[1]
+    danced = take.performance.position[clip.start : clip.end + 1]
+    step = round(take.performance.rate_hz / _FILM_HZ)
+    about = {
+        "title": f"{take.title}: {clip.movement}, filmed",
+        "performer": take.performer.name,
+        "rights": "CC0-1.0",
+    }
+    film_capture(
+        folder,
+        stretch_arms_first(danced[::step], _FILM_HZ),
+        _FILM_HZ,
+        settings=FilmSettings(clothes="kimono"),
+        metadata=about,
+    )
 
 
 def _show_search(archive: str, search: DemoSearch, folder: Path) -> int:

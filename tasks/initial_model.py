@@ -14,25 +14,18 @@ from dataclasses import dataclass
 import cc3d
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.geometry.initial_shape import (
-    FOREARM_SHARE,
-    HIP_SHARE,
-    SHOULDER_SHARE,
-    UPPER_ARM_SHARE,
-    Arms,
-    Trunk,
-    measure_arms,
-    measure_trunk,
-    vote_facing,
-)
+from tasks.geometry.initial_shape import Arms, measure_arms
+from tasks.geometry.initial_shape_joints import find_joints
 from tasks.geometry.initial_shape_labels import NEEDED, complete_joints, label_points
-from tasks.geometry.initial_shape_legs import find_feet, measure_depths, measure_leg
+from tasks.geometry.initial_shape_picture import draw_from
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, padded_crop, voxel_centers, voxel_index
 
 _WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
+_TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above
 
 
 @dataclass(frozen=True)
@@ -135,13 +128,83 @@ def find_initial_model(
     if surfaces is not None and best.frame < len(surfaces):
         index, color = surfaces[best.frame]
         colored = (voxel_centers(grid, index), color)
-    point = voxel_centers(grid, best.index[best.is_body])
-    joints, vote, notes = _find_joints(point, best, grid, colored, stature_m)
+    cells = best.index[best.is_body]
+    joints, sure, notes = find_joints(cells, best.arms, grid, colored, stature_m)
     label = np.zeros(len(best.index), np.uint8)
-    label[best.is_body] = label_points(point, joints)
+    label[best.is_body] = label_points(voxel_centers(grid, cells), joints)
     position = np.array([joints.get(name, np.full(3, np.nan)) for name in JOINTS])
-    confidence = float(np.clip(best.score * (0.4 + 0.6 * min(1.0, 2.0 * vote)), 0.0, 1.0))
+    confidence = float(np.clip(best.score * sure, 0.0, 1.0))
     return InitialModel(best.frame, position, label, confidence, tuple(notes))
+
+
+def model_from_joints(
+    runs: VoxelRuns,
+    grid: VoxelGrid,
+    position: NDArray[np.floating],
+    *,
+    frame: int | None = None,
+    label: NDArray[np.integer] | None = None,
+    farthest_m: float = 0.15,
+) -> InitialModel:
+    """Return the initial model of joints that a person placed (`initial.json`).
+
+    Parameters
+    ----------
+    runs, grid
+        The take's hulls and what was carved.
+    position : (21, 3) float
+        Joints of that frame, metres; waist, wrists, ankles and heels may be NaN and are put in
+        by proportion.
+    frame
+        The frame they belong to; 0 where None.
+    label : (voxel,) int
+        Segments of that frame's voxels; made from the joints where None.
+    farthest_m
+        A joint farther than this from every voxel is not the performer's: a finger tip that the
+        hull has lost is less far off, a body beside the hull farther.
+
+    Raises
+    ------
+    InputError
+        There is no such frame or nobody in it, joints are missing or outside the body, or the
+        labels are not those of its voxels: every fault at once.
+    """
+    chosen = 0 if frame is None else frame
+    if not 0 <= chosen < runs.frames:
+        raise InputError(
+            f"frame {chosen} of the initial model is not one of the take's frames 0 to "
+            f"{runs.frames - 1}; correct `frame`"
+        )
+    point = voxel_centers(grid, voxel_index(runs, chosen))
+    if not len(point):
+        raise InputError(f"frame {chosen} of the initial model shows nobody; choose another frame")
+    place = np.array(position, np.float64)
+    joints = dict(zip(JOINTS, place, strict=True))
+    faults = []
+    missing = [name for name in NEEDED if not np.isfinite(joints[name]).all()]
+    if missing:
+        faults.append(f"{', '.join(missing)} must be placed")
+    distance = KDTree(point).query(np.where(np.isfinite(place), place, 1e9))[0]
+    found = np.asarray(np.isfinite(place).all(axis=1))
+    for number in np.flatnonzero(found & (distance > farthest_m)):
+        faults.append(
+            f"{JOINTS[number]} is {distance[number]:.2f} m outside the body of frame {chosen}"
+        )
+    if label is not None and len(label) != len(point):
+        faults.append(
+            f"there are {len(label)} labels for {len(point)} voxels of frame {chosen} (leave them "
+            "out and they are made from the joints)"
+        )
+    if faults:
+        raise InputError(
+            f"the initial model does not fit the take: {'; '.join(faults)}; correct initial.json"
+        )
+    whole = complete_joints(joints)
+    notes = ["The joints were placed by a person (initial.json)."]
+    if added := [name for name, is_in in zip(JOINTS, found.tolist(), strict=True) if not is_in]:
+        notes.append(f"{', '.join(added)} were put in by the proportions of a body.")
+    made = label_points(point, whole) if label is None else np.array(label, np.uint8)
+    return InitialModel(chosen, np.array([whole[name] for name in JOINTS]), made, 1.0, tuple(notes))
 
 
 def label_from_joints(
@@ -208,7 +271,7 @@ def _look_at(
             f"there are two large pieces of {sizes[0]} and {sizes[1]} voxels, as of two people "
             "or of one that is torn apart (one person at a time can be digitized)"
         )
-    is_body = piece == np.argmax(np.bincount(piece)[1:]) + 1
+    is_body = _belongs(index, piece, grid.voxel_m)
     body = index[is_body]
     last = np.array(grid.shape) - 1
     for axis, ends in ((0, (0, last[0])), (1, (last[1],)), (2, (0, last[2]))):
@@ -223,6 +286,21 @@ def _look_at(
     point = voxel_centers(grid, body)
     arms = measure_arms(point, grid.voxel_m)
     return _judge(frame, index, is_body, arms, float(np.ptp(point[:, 1])), settings)
+
+
+def _belongs(
+    index: NDArray[np.int32], piece: NDArray[np.integer], voxel_m: float
+) -> NDArray[np.bool_]:
+    """Return (voxel,) True for the largest piece and those above or below it, torn off."""
+    sizes = np.bincount(piece)
+    sizes[0] = 0
+    main = index[piece == np.argmax(sizes)]
+    margin = math.ceil(_TORN_M / voxel_m)
+    low, high = main.min(axis=0) - margin, main.max(axis=0) + margin
+    beside = ((index < low) | (index > high))[:, [0, 2]].any(axis=1)
+    apart = np.bincount(piece, weights=beside, minlength=len(sizes)) > 0
+    keeps = (sizes > 0.01 * sizes.max()) & ~apart
+    return keeps[piece]
 
 
 def _judge(
@@ -249,50 +327,30 @@ def _judge(
     return _Candidate(frame, index, is_body, arms, straight * (0.3 + 0.7 * smooth) * shown)
 
 
-def _find_joints(
-    point: NDArray[np.float64],
-    best: _Candidate,
-    grid: VoxelGrid,
-    colored: tuple[NDArray[np.float64], NDArray[np.uint8]] | None,
-    stature_m: float | None,
-) -> tuple[dict[str, NDArray[np.float64]], float, list[str]]:
-    """Return the joints of a person's points, how sure the facing is, and notes."""
-    arms = best.arms
-    trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
-    feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
-    vote, witnesses = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
-    if vote < 0:
-        arms, feet = arms.turned(), feet[::-1]
-    notes = ["Wrists, waist and hips were placed by the proportions of a body."]
-    if witnesses:
-        notes.append(f"Which way the performer faces was told by {' and '.join(witnesses)}.")
-    if abs(vote) < 0.2:
-        notes.append("Which way the performer faces is doubtful: check right and left.")
-    if len(feet) < 2:
-        notes.append("The feet could not be told apart: the legs are a guess.")
-        feet = [feet[0], feet[0]]
-    joints = _place_arms(arms, trunk)
-    cells = best.index[best.is_body]
-    begin = cells.min(axis=0) - 1
-    crop = np.zeros(cells.max(axis=0) - begin + 2, np.uint8)
-    crop[tuple((cells - begin).T)] = 1
-    depths = measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
-    for side, name in enumerate("RL"):
-        hip = trunk.hips + (2 * side - 1) * HIP_SHARE * trunk.stature_m * arms.left
-        leg = measure_leg(feet[side], hip, arms.front, depths, trunk.stature_m)
-        joints |= {f"{name}Hip": hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
-        joints |= {f"{name}Heel": leg.heel, f"{name}Foot": leg.toe}
-    return joints, abs(vote), notes
+def draw_initial_model(model: InitialModel, runs: VoxelRuns, grid: VoxelGrid) -> NDArray[np.uint8]:
+    """Return a picture of the labelled voxels with the joints, from the front and the left.
 
+    Returns
+    -------
+    (480, 960, 3) uint8
+        RGB. Seen from the front the performer's left is on the right.
 
-def _place_arms(arms: Arms, trunk: Trunk) -> dict[str, NDArray[np.float64]]:
-    """Return the joints of head, spine and arms."""
-    joints = {"Head": trunk.head, "Neck": trunk.neck, "Waist": trunk.waist}
-    arm = 1.0 - SHOULDER_SHARE
-    elbow = SHOULDER_SHARE + UPPER_ARM_SHARE * arm
-    for side, name in enumerate("RL"):
-        joints[f"{name}Shoulder"] = arms.along(side, SHOULDER_SHARE)
-        joints[f"{name}Elbow"] = arms.along(side, elbow)
-        joints[f"{name}Wrist"] = arms.along(side, elbow + FOREARM_SHARE * arm)
-        joints[f"{name}Fin"] = arms.tip[side]
-    return joints
+    Raises
+    ------
+    ValueError
+        The model's labels are not those of its frame's voxels.
+    """
+    point = voxel_centers(grid, voxel_index(runs, model.frame))
+    if len(point) != len(model.label) or not len(point):
+        raise ValueError(
+            f"a model of {len(model.label)} labels was given with {len(point)} voxels of frame "
+            f"{model.frame}; pass the hulls it was made of, with somebody in that frame"
+        )
+    joints = dict(zip(JOINTS, model.position, strict=True))
+    across = (joints["LShoulder"] - joints["RShoulder"]) * [1.0, 0.0, 1.0]
+    left = across / max(float(np.linalg.norm(across)), 1e-9)
+    back = -np.cross(left, [0.0, 1.0, 0.0])
+    label = np.asarray(model.label, np.uint8)
+    title = f"frame {model.frame}, confidence {model.confidence:.2f}"
+    front = draw_from(point, label, joints, left, title)
+    return np.concatenate([front, draw_from(point, label, joints, back, "from the left")], axis=1)

@@ -8,13 +8,20 @@ Biomechanics and Motor Control of Human Movement), widened by what rigs of motio
 Points are metres with y up.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 
+USUAL_REACH, LEAST_REACH = 2.4, 2.1
+"""Half the span over the height of the head above the arms, usual, and least with both hands:
+2.85 by Drillis and Contini to the collar bone's outer end, 2.2 to 2.7 from the arms' line."""
+SLEEVE_REACH = 0.87
+"""Where a sleeve that hides the hand ends, in half spans: between wrist and knuckles."""
+SLOPE_SPREAD = 0.05
+"""Usual tangent of an arm from straight sideways, when somebody is asked to stretch it."""
 SHOULDER_SHARE = 0.18
 """Shoulder from the middle, in half spans: 0.23 by Drillis and Contini for the outer end of the
 collar bone, whose joint is farther in; rigs of motion capture have 0.15 to 0.22."""
@@ -30,7 +37,7 @@ HIPS_BELOW_TOP = 0.495
 to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
 TIP_INSIDE = 0.015
 """How far a finger's tip joint lies inside the hull's end, in half spans: a finger's radius."""
-WAIST_SHARE = 0.60
+WAIST_SHARE = 0.56
 """Where the loins begin, from the base of the neck to the hips."""
 HIP_SHARE = 0.0575
 """Hip joint from the middle, in statures: 0.096 by Drillis and Contini is half the width over
@@ -56,6 +63,8 @@ class Arms:
     """Typical distance of the arms' thin parts from their lines."""
     thin: float
     """Share of an arm's length that shows an arm and no hanging cloth, the smaller side's."""
+    has_hands: bool
+    """Whether both arms end in something as thin as a hand."""
 
     @property
     def front(self) -> Points:
@@ -73,16 +82,7 @@ class Arms:
         """Return the same arms of somebody who faces the other way."""
         line = self.line[::-1].copy()
         line[:, 1] *= -1.0
-        return Arms(
-            -self.left,
-            self.middle,
-            self.half_span_m,
-            self.tip[::-1].copy(),
-            line,
-            self.slope,
-            self.rough_m,
-            self.thin,
-        )
+        return replace(self, left=-self.left, tip=self.tip[::-1].copy(), line=line)
 
 
 def measure_arms(point: Points, voxel_m: float) -> Arms | None:
@@ -111,25 +111,26 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     half = float(aside.max() - aside.min() + voxel_m) / 2.0
     middle = tip.mean(axis=0)
     middle += ((aside.max() + aside.min()) / 2.0 - middle @ left) * left
-    line, slope, rough, thin = _fit_arms(upper, middle, left, half, voxel_m)
+    line, slope, rough, thin, has_hands = _fit_arms(upper, middle, left, half, voxel_m)
     ends = np.array([aside.min(), aside.max()]) - tip @ left
     ends += np.array([1.0, -1.0]) * TIP_INSIDE * half
     tip = tip + ends[:, None] * left
-    return Arms(left, middle, half, tip, line, slope, rough, thin)
+    return Arms(left, middle, half, tip, line, slope, rough, thin, has_hands)
 
 
 def _fit_arms(
     upper: Points, middle: Points, left: Points, half: float, voxel_m: float
-) -> tuple[Points, float, float, float]:
-    """Return the lines of both arms, the steepest slope, roughness, and thin share."""
+) -> tuple[Points, float, float, float, bool]:
+    """Return the lines of both arms, steepest slope, roughness, thin share, if hands show."""
     front = np.cross(left, [0.0, 1.0, 0.0])
     aside, ahead = (upper - middle) @ left, (upper - middle) @ front
     lines, slopes, roughs, thins = np.zeros((2, 2, 2)), [0.0], [0.0], []
+    bare = []
     for side in range(2):
         out = (2 * side - 1) * aside
         slab = np.floor(out / voxel_m).astype(int)
         first, last = int(0.30 * half / voxel_m), int(half / voxel_m)
-        found = []
+        found, hidden = [], 0
         for number in range(first, last):
             here = slab == number
             if here.sum() < 4:
@@ -138,7 +139,10 @@ def _fit_arms(
             low, high = np.percentile(height, [2, 98])
             if high - low < 0.055 * 2 * half:
                 found.append([(number + 0.5) * voxel_m, (low + high) / 2, np.mean(ahead[here])])
+            elif number > 0.92 * last:
+                hidden += 1
         thins.append(len(found) / max(last - first, 1))
+        bare.append(hidden < 0.02 * last)
         if len(found) < 6:
             lines[side] = [[middle[1], 0.0], [0.0, 0.0]]
             roughs.append(half)
@@ -148,16 +152,18 @@ def _fit_arms(
             lines[side, axis], rough = _fit_line(table[:, 0], table[:, 1 + axis])
             roughs.append(rough)
             slopes.append(abs(lines[side, axis, 1]))
-    return lines, float(max(slopes)), float(max(roughs)), float(min(thins))
+    return lines, float(max(slopes)), float(max(roughs)), float(min(thins)), all(bare)
 
 
 def _fit_line(x: Points, y: Points) -> tuple[Points, float]:
     """Return value and slope of the line of least absolute distances, and their median."""
     design = np.stack([np.ones(len(x)), x], axis=1)
-    weight, line = np.ones(len(x)), np.zeros(2)
+    weight, line = np.full(len(x), 100.0), np.zeros(2)
+    level = [[0.0, 1.0 / SLOPE_SPREAD]]  # few slabs say little about a slope: near 0, then
     for _ in range(12):
-        root = np.sqrt(weight)
-        line[:] = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
+        root = np.sqrt(weight) / 0.1
+        rows = np.concatenate([design * root[:, None], level])
+        line[:] = np.linalg.lstsq(rows, np.append(y * root, 0.0), rcond=None)[0]
         weight = 1.0 / np.maximum(abs(y - design @ line), 0.002)
     return line, float(np.median(abs(y - design @ line)))
 
@@ -172,6 +178,21 @@ class Trunk:
     hips: Points
     """(3,) each; `hips` is the middle of the hip joints."""
     stature_m: float
+
+
+def reach_of_head(point: Points, arms: Arms) -> float:
+    """Return half the span over the height of the head above the arms: 2.2 to 2.7."""
+    aside, ahead = (point - arms.middle) @ arms.left, (point - arms.middle) @ arms.front
+    near = (abs(aside) < 0.2 * arms.half_span_m) & (abs(ahead) < 0.35 * arms.half_span_m)
+    above = float(point[near, 1].max() - arms.middle[1]) if near.any() else 0.0
+    return arms.half_span_m / max(above, 1e-6)
+
+
+def lengthen_arms(arms: Arms, half_span_m: float) -> Arms:
+    """Return the arms with hands that the hull has lost put in, on the arms' lines."""
+    longer = replace(arms, half_span_m=half_span_m)
+    tip = np.stack([longer.along(side, 1.0 - TIP_INSIDE) for side in range(2)])
+    return replace(longer, tip=tip)
 
 
 def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | None) -> Trunk:
@@ -274,20 +295,21 @@ def _vote_of_face(surface: Points, color: Points, arms: Arms, trunk: Trunk) -> f
     half = arms.half_span_m
     hand = [color[np.linalg.norm(surface - tip, axis=1) < 0.10 * half] for tip in arms.tip]
     skin = np.concatenate(hand)
-    if len(skin) < 10:
-        return None
     height = (surface[:, 1] - trunk.neck[1]) / (trunk.head[1] - trunk.neck[1])
     head = (height > 0.38) & (height < 0.85)
     head &= np.linalg.norm((surface - trunk.head) * [1, 0, 1], axis=1) < 0.16 * half
     if head.sum() < 20:
         return None
     total = color[head].sum(axis=1)
-    target = np.median(skin, axis=0)
-    # chroma alone would let dark hair pass for skin: brightness counts, less than chroma
-    unlike = np.linalg.norm(
-        color[head] / (total[:, None] + 40) - target / (target.sum() + 40), axis=1
-    ) + 0.5 * abs(np.log((total + 40) / (target.sum() + 40)))
-    alike = np.exp(-((unlike / 0.25) ** 2))
+    if len(skin) < 10:  # hands hidden: hair is mostly darker than a face
+        alike = 1.0 / (1.0 + np.exp(-(total - (total.min() + total.max()) / 2) / 30.0))
+    else:
+        target = np.median(skin, axis=0)
+        # chroma alone would let dark hair pass for skin: brightness counts, less than chroma
+        unlike = np.linalg.norm(
+            color[head] / (total[:, None] + 40) - target / (target.sum() + 40), axis=1
+        ) + 0.5 * abs(np.log((total + 40) / (target.sum() + 40)))
+        alike = np.exp(-((unlike / 0.25) ** 2))
     share = alike.mean()
     if not 0.08 < share < 0.92:
         return None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Points = NDArray[np.float64]
 
 BONES = (
-    (1, "Neck", "Head", 0.064, 0.055),
+    (1, "Neck", "Head", 0.060, 0.055),
     (2, "Waist", "Neck", 0.085, 0.060),
     (3, "Hips", "Waist", 0.078, 0.085),
     *((4 + 2 * k, f"{s}Shoulder", f"{s}Elbow", 0.024, 0.046) for k, s in enumerate("RL")),
@@ -29,6 +29,8 @@ NEEDED = (
 """The joints without which voxels cannot be labelled; the others are put in by proportion."""
 CLOTH_HANGS = 0.5
 """Distance straight below an arm counts this much: sleeves hang from it."""
+GROIN_RISE = 0.9
+"""How far the border of waist and leg rises, to the outside, as tangent: along the groin."""
 FLATNESS = 0.70
 """Depth of a trunk over its width."""
 
@@ -38,7 +40,7 @@ def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:
     whole = {name: np.asarray(place, np.float64) for name, place in joints.items()}
     whole = {name: place for name, place in whole.items() if np.isfinite(place).all()}
     hips = (whole["RHip"] + whole["LHip"]) / 2.0
-    whole.setdefault("Waist", whole["Neck"] + 0.6 * (hips - whole["Neck"]))
+    whole.setdefault("Waist", whole["Neck"] + 0.56 * (hips - whole["Neck"]))
     for side in "RL":
         elbow, tip = whole[f"{side}Elbow"], whole[f"{side}Fin"]
         knee, toe = whole[f"{side}Knee"], whole[f"{side}Foot"]
@@ -69,8 +71,7 @@ def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint
     """Return the label 1 to 11 (voxel,) of points (voxel, 3), given complete joints."""
     size = body_size(joints)
     places = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2.0}
-    across = joints["LShoulder"] - joints["RShoulder"]
-    across = across / max(float(np.linalg.norm(across)), 1e-9)
+    across = _unit(joints["LShoulder"] - joints["RShoulder"])
     least = np.full(len(point), np.inf)
     label = np.zeros(len(point), np.uint8)
     for number, first, last, thick, thin in BONES:
@@ -84,4 +85,31 @@ def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint
         distance = np.linalg.norm(off, axis=1) - size * (thick + share * (thin - thick))
         closer = distance < least
         least[closer], label[closer] = distance[closer], number
+    _cut_trunk(point, places, label)
     return label
+
+
+def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.uint8]) -> None:
+    """Part body, waist and upper legs, in place, by planes.
+
+    One halves the bend of the spine at the waist; one through each hip rises outwards.
+    """
+    up = _unit(places["Waist"] - places["Hips"])
+    across = _unit(places["LHip"] - places["RHip"])
+    above = (point - places["Waist"]) @ (up + _unit(places["Neck"] - places["Waist"])) >= 0
+    label[(label == 3) & above] = 2
+    label[(label == 2) & ~above] = 3
+    left = (point - places["Hips"]) @ across > 0
+    loins = (label == 3) | (label == 8) | (label == 10)
+    for number, side, outward, is_side in ((8, "R", -across, ~left), (10, "L", across, left)):
+        hip = places[f"{side}Hip"]
+        normal = _unit(up - _unit(places[f"{side}Knee"] - hip)) - GROIN_RISE * outward
+        here = loins & is_side
+        is_leg = here & ((point - hip) @ normal < 0)
+        label[here & ~is_leg] = 3
+        label[is_leg & (label == 3)] = number
+
+
+def _unit(vector: Points) -> Points:
+    """Return a vector of length 1; 0 where it has none."""
+    return vector / max(float(np.linalg.norm(vector)), 1e-9)

@@ -123,6 +123,7 @@ def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, P
     middle = np.median(sole, axis=0)
     first, last = np.percentile(reach, [2, 98])
     length = FOOT_LENGTH * stature_m
+    last = min(last, float(middle @ axis) + 0.65 * length)
     toe = middle + (last - middle @ axis) * axis
     heel = middle + (max(first, last - length) - middle @ axis) * axis
     toe[1] = heel[1] = low + SOLE_HEIGHT * stature_m

@@ -1,0 +1,121 @@
+"""Put the joints of a body together from its arms, trunk and legs."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.initial_shape import (
+    FOREARM_SHARE,
+    HIP_SHARE,
+    LEAST_REACH,
+    SHOULDER_SHARE,
+    SLEEVE_REACH,
+    UPPER_ARM_SHARE,
+    USUAL_REACH,
+    Arms,
+    Trunk,
+    lengthen_arms,
+    measure_trunk,
+    reach_of_head,
+    vote_facing,
+)
+from tasks.geometry.initial_shape_legs import Depths, find_feet, measure_depths, measure_leg
+from tasks.geometry.voxels import VoxelGrid, voxel_centers
+
+Points = NDArray[np.float64]
+
+
+def find_joints(
+    cells: NDArray[np.integer],
+    arms: Arms,
+    grid: VoxelGrid,
+    colored: tuple[Points, NDArray[np.uint8]] | None,
+    stature_m: float | None,
+) -> tuple[dict[str, Points], float, list[str]]:
+    """Return a person's joints, how sure they are, and notes.
+
+    Parameters
+    ----------
+    cells : (voxel, 3) int
+        Index of the person's voxels in the grid.
+    arms
+        As measured on them, facing either way.
+    grid
+        What was carved.
+    colored : ((surface voxel, 3), (surface voxel, 3))
+        Centers in metres and RGB of the surface, or None.
+    stature_m
+        The person's height where known.
+
+    Returns
+    -------
+    joints : dict of (3,) float64
+        Metres, by the names of the archive, all 21.
+    sure : float
+        0 to 1: how clear the facing is and how much of the bones lies inside the hull, halved
+        where hands were put in.
+    notes : list of str
+        A sentence each.
+    """
+    notes = ["Wrists, waist and hips were placed by the proportions of a body."]
+    point = voxel_centers(grid, cells)
+    reach = reach_of_head(point, arms)
+    longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
+    if not arms.has_hands:
+        longer = max(longer, 1.0 / SLEEVE_REACH)
+    if longer > 1.0:
+        arms = lengthen_arms(arms, arms.half_span_m * longer)
+        notes.append("The hull has lost the hands: elbows to finger tips are a guess.")
+    trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
+    feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
+    vote, witnesses = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
+    if vote < 0:
+        arms, feet = arms.turned(), feet[::-1]
+    if witnesses:
+        notes.append(f"Which way the performer faces was told by {' and '.join(witnesses)}.")
+    if abs(vote) < 0.2:
+        notes.append("Which way the performer faces is doubtful: check right and left.")
+    if len(feet) < 2:
+        notes.append("The feet could not be told apart: the legs are a guess.")
+        feet = [feet[0], feet[0]]
+    joints = _place_arms(arms, trunk)
+    begin = cells.min(axis=0) - 1
+    crop = np.zeros(cells.max(axis=0) - begin + 2, np.uint8)
+    crop[tuple((cells - begin).T)] = 1
+    depths = measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
+    for side, name in enumerate("RL"):
+        hip = trunk.hips + (2 * side - 1) * HIP_SHARE * trunk.stature_m * arms.left
+        leg = measure_leg(feet[side], hip, arms.front, depths, trunk.stature_m)
+        joints |= {f"{name}Hip": hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
+        joints |= {f"{name}Heel": leg.heel, f"{name}Foot": leg.toe}
+    inside = _share_inside(joints, depths)
+    if inside < 0.9:
+        notes.append(f"Only {inside:.0%} of the bones lie inside the hull: look at the picture.")
+    sure = min(1.0, 2.0 * abs(vote)) * inside**2 * (1.0 if longer == 1.0 else 0.5)
+    return joints, sure, notes
+
+
+def _share_inside(joints: dict[str, Points], depths: Depths) -> float:
+    """Return the share of the bones' lengths that lies inside the hull."""
+    part = np.linspace(0.0, 1.0, 12)[:, None]
+    pairs = [("Neck", "Head"), ("Neck", "Waist")]
+    for side in "RL":
+        chain = ("Shoulder", "Elbow", "Wrist", "Fin")
+        pairs += [(side + a, side + b) for a, b in pairwise(chain)]
+        pairs += [(side + a, side + b) for a, b in pairwise(("Hip", "Knee", "Ankle"))]
+    bones = [joints[a] + part * (joints[b] - joints[a]) for a, b in pairs]
+    return float((depths.at(np.concatenate(bones)) > 0).mean())
+
+
+def _place_arms(arms: Arms, trunk: Trunk) -> dict[str, Points]:
+    """Return the joints of head, spine and arms."""
+    joints = {"Head": trunk.head, "Neck": trunk.neck, "Waist": trunk.waist}
+    arm = 1.0 - SHOULDER_SHARE
+    elbow = SHOULDER_SHARE + UPPER_ARM_SHARE * arm
+    for side, name in enumerate("RL"):
+        joints[f"{name}Shoulder"] = arms.along(side, SHOULDER_SHARE)
+        joints[f"{name}Elbow"] = arms.along(side, elbow)
+        joints[f"{name}Wrist"] = arms.along(side, elbow + FOREARM_SHARE * arm)
+        joints[f"{name}Fin"] = arms.tip[side]
+    return joints

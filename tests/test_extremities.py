@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.extremities import find_extremities
+from tasks.geometry.extremities import find_extremities, initial_places
 from tasks.geometry.skin import SurfaceFrame
-from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, dancer
+from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
 
 RATE_HZ = 30.0
 EMPTY = SurfaceFrame(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty(0, np.uint8))
@@ -79,6 +79,29 @@ def test_a_hidden_hand_is_unseen_and_found_again(rng):
     assert (error[~hidden, 1] < 0.05).all()
     unsure = np.isnan(found.position[hidden, 2, 0]) | (found.weight[hidden, 2] < 0.8)
     assert unsure.mean() > 0.7
+
+
+def test_hands_hidden_for_long_come_back_on_their_own_sides(rng):
+    """They vanish crossed, so that each comes back nearer to where the other vanished."""
+    hands = np.concatenate(
+        [swing(44)[:24], np.tile([[-0.5, 1.1, 0.2], [0.5, 1.1, 0.2]], (24, 1, 1))]
+    )
+    assert hands[23, 0, 0] > hands[23, 1, 0]
+    frames = film(hands, rng)
+    for t in range(24, 36):
+        frames[t] = dancer(hands[t], rng, shown=(False, False))
+    found = find_extremities(frames, RATE_HZ, STATURE_M, JOINTS)
+    assert (off(found, hands)[36:] < 0.05).all()
+
+
+@pytest.mark.parametrize("wrists", [("RWrist",), ("RWrist", "LWrist")], ids=["one", "both"])
+def test_unknown_wrists_are_a_hand_before_the_fingertips(rng, wrists):
+    hands = swing(20)
+    joints = JOINTS | {name: np.full(3, np.nan) for name in wrists}
+    joints.pop(wrists[-1])
+    found = find_extremities(film(hands, rng), RATE_HZ, STATURE_M, joints)
+    assert (off(found, hands) < 0.05).all()
+    np.testing.assert_allclose(initial_places(joints, STATURE_M)[1:], STRETCHED, atol=0.01)
 
 
 def test_empty_frames_are_unseen_and_cost_nothing_else(rng):

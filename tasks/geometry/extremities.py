@@ -22,11 +22,11 @@ from tasks.geometry.extremity_candidates import (
 )
 from tasks.geometry.extremity_paths import Motion, best_paths
 from tasks.geometry.skin import (
-    HAND_JOINTS,
     SkinModel,
     SkinSettings,
     SurfaceFrame,
     check_joints,
+    find_hands,
     learn_skin,
 )
 
@@ -249,7 +249,7 @@ def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) 
     front = np.cross(np.subtract(joints["LShoulder"], joints["RShoulder"]), head - neck)
     front = front / max(float(np.linalg.norm(front)), 1e-9)
     face = 0.45 * neck + 0.55 * head + 0.045 * stature_m * front
-    return np.stack([face, *(np.add(joints[a], joints[b]) / 2.0 for a, b in HAND_JOINTS)])
+    return np.stack([face, *((a + b) / 2.0 for a, b in find_hands(joints, stature_m))])
 
 
 def _face_cost(candidates: Candidates, model: SkinModel, settings: ExtremitySettings) -> Floats:

@@ -19,9 +19,11 @@ from scipy import ndimage
 NO_CAMERA = 255
 """The camera of a surface voxel whose color is not its own."""
 
-HAND_JOINTS = (("RWrist", "RFin"), ("LWrist", "LFin"))
-NEEDED_JOINTS = ("Head", "Neck", "RShoulder", "LShoulder", *HAND_JOINTS[0], *HAND_JOINTS[1])
-"""The joints of the initial model that say where skin is."""
+NEEDED_JOINTS = ("Head", "Neck", "RShoulder", "LShoulder", "RFin", "LFin")
+"""The joints of the initial model that say where skin is; wrists help where they are known."""
+
+_HAND_LENGTH = 0.108
+"""From wrist to fingertip, in statures (Drillis and Contini 1966)."""
 
 _CHROMA_STEP = 0.02
 _LIGHT_STEP = 32
@@ -173,6 +175,25 @@ def check_joints(joints: Mapping[str, NDArray[np.float64]], stature_m: float) ->
         raise ValueError(f"stature_m {stature_m} must be positive; give metres")
 
 
+def find_hands(
+    joints: Mapping[str, NDArray[np.float64]], stature_m: float
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return wrist and fingertip, (3,) each, of the right and the left hand.
+
+    A wrist that is not known is a hand's length before the fingertip, toward the shoulder.
+    """
+    hands = []
+    for side in "RL":
+        tip = np.asarray(joints[f"{side}Fin"], np.float64)
+        wrist = np.asarray(joints.get(f"{side}Wrist", np.full(3, np.nan)), np.float64)
+        if not np.isfinite(wrist).all():
+            back = np.asarray(joints[f"{side}Shoulder"]) - tip
+            length = max(float(np.linalg.norm(back)), 1e-9)
+            wrist = tip + _HAND_LENGTH * stature_m * back / length
+        hands.append((wrist, tip))
+    return hands
+
+
 _OTHER, _HAND, _FACE, _UNSURE = range(4)
 
 
@@ -193,8 +214,8 @@ def find_skin_parts(
     kind[near & (along > 0.1) & (along < 1.2)] = _UNSURE
     kind[near & (along > 0.35) & (along < 1.05) & (ahead < -0.02 * stature_m)] = _OTHER
     kind[near & (along > 0.35) & (along < 0.85) & (ahead > 0.02 * stature_m)] = _FACE
-    for wrist, tip in HAND_JOINTS:
-        along, away = _along(center, np.asarray(joints[wrist]), np.asarray(joints[tip]))
+    for wrist, tip in find_hands(joints, stature_m):
+        along, away = _along(center, wrist, tip)
         near = away < settings.hand_radius * stature_m
         kind[near & (along > -0.25) & (along < 1.5)] = _UNSURE
         kind[near & (along > settings.hand_begins) & (along < 1.25)] = _HAND

@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+
+from tasks import provisional_labeling as provisional
+from tasks.geometry.label_regions import voxel_neighbors
+
+SETTINGS = provisional.ProvisionalSettings()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(47)
+
+
+def block(*sides):
+    return (
+        np.stack(np.meshgrid(*map(range, sides), indexing="ij"), -1).reshape(-1, 3).astype(np.int32)
+    )
+
+
+def naive_previous(index, previous_index, previous_label):
+    label = []
+    for voxel in index.tolist():
+        distance = [sum((a - b) ** 2 for a, b in zip(voxel, other, strict=True))
+                    for other in previous_index.tolist()]  # fmt: skip
+        label.append(previous_label[distance.index(min(distance))])
+    return label
+
+
+def test_labels_are_those_of_the_nearest_voxel_before(rng):
+    now, before = (np.argwhere(rng.random((6, 8, 11)) < share) for share in (0.5, 0.05))
+    now = np.concatenate([now, [[9, 3, 2]]])
+    label = rng.integers(1, 12, len(before)).astype(np.uint8)
+    found = provisional.label_from_previous(now, before, label)
+    assert found.tolist() == naive_previous(now, before, label)
+    assert len(set(found.tolist())) > 5
+
+
+def test_a_voxel_far_from_all_of_before_still_takes_the_nearest(rng):
+    before = block(4, 5, 3)
+    label = np.where(before[:, 0] < 2, 3, 8).astype(np.uint8)
+    found = provisional.label_from_previous(
+        np.array([[-30, 1, 1], [2, 2, 1], [40, 2, 2]]), before, label
+    )
+    assert found.tolist() == [3, 8, 8]
+
+
+def test_a_frame_before_without_voxels_is_refused():
+    with pytest.raises(ValueError, match="0 voxels with 0 labels say nothing"):
+        provisional.label_from_previous(
+            block(1, 2, 3), np.zeros((0, 3), np.int32), np.zeros(0, int)
+        )
+    with pytest.raises(ValueError, match="6 voxels with 5 labels say nothing"):
+        provisional.label_from_previous(block(1, 2, 3), block(1, 2, 3), np.ones(5, int))
+    empty = provisional.label_from_previous(np.zeros((0, 3), np.int32), block(1, 2, 3), np.ones(6))
+    assert empty.shape == (0,)
+
+
+def shares(label):
+    return np.bincount(label, minlength=12)[1:] / np.count_nonzero(label)
+
+
+def test_a_shrunken_segment_grows_to_its_share_at_its_border_only():
+    index = block(30, 5, 4)
+    label = np.where(index[:, 0] < 24, 4, 5).astype(np.uint8)
+    share = shares(np.where(index[:, 0] < 15, 4, 5))
+    grown = provisional.restore_volumes(label, voxel_neighbors(index), share, SETTINGS)
+    assert shares(grown)[4] >= 0.97 * share[4]
+    assert shares(grown)[4] <= share[4] + 1 / len(index)
+    assert (grown[index[:, 0] >= 24] == 5).all()
+    assert (grown[index[:, 0] < 13] == 4).all()
+
+
+def test_each_ring_goes_to_the_segment_that_shrank_most():
+    index = block(40, 3, 2)
+    truth = np.digitize(index[:, 0], [10, 30]) + 1
+    label = (np.digitize(index[:, 0], [4, 36]) + 1).astype(np.uint8)
+    share = shares(truth)
+    for rings in range(1, 13):
+        settings = provisional.ProvisionalSettings(most_rings=rings)
+        grown = provisional.restore_volumes(label, voxel_neighbors(index), share, settings)
+        low = shares(grown)[[0, 2]] / share[[0, 2]]
+        assert abs(low[0] - low[1]) <= 0.1 + 1e-9  # a ring of one tenth, in turn
+    np.testing.assert_array_equal(grown, truth)
+
+
+def test_nothing_grows_where_all_segments_have_their_share(rng):
+    index = block(6, 5, 4)
+    label = (index[:, 1] + 1).astype(np.uint8)
+    grown = provisional.restore_volumes(label, voxel_neighbors(index), shares(label), SETTINGS)
+    np.testing.assert_array_equal(grown, label)
+
+
+def test_a_share_that_cannot_be_reached_ends():
+    index = block(6, 5, 4)
+    label = np.ones(len(index), np.uint8)
+    share = np.array([0.5, 0.5, *[0] * 9])
+    grown = provisional.restore_volumes(label, voxel_neighbors(index), share, SETTINGS)
+    np.testing.assert_array_equal(grown, label)
+
+
+def skin_scene():
+    """Return a surface of three skin patches in a row, 20 voxels apart, on a band of clothes."""
+    index = block(60, 4, 1)
+    is_skin = index[:, 0] % 20 < 5
+    return index, index * 0.01, is_skin
+
+
+def track(scene, place, *, reach_m=0.08, least_voxels=12):
+    return provisional.track_skin(
+        *scene, np.array(place), reach_m=reach_m, least_voxels=least_voxels
+    )
+
+
+def test_face_and_hands_keep_the_nearest_region_of_skin():
+    index, center, is_skin = skin_scene()
+    found = track((index, center, is_skin), [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]])
+    wanted = np.where(is_skin, np.array([1, 7, 5])[index[:, 0] // 20], 0)
+    np.testing.assert_array_equal(found.label, wanted)
+    assert found.found.all()
+    np.testing.assert_allclose(found.place[:, 0], [0.02, 0.42, 0.22])
+
+
+def test_a_hand_out_of_reach_or_too_small_keeps_its_place():
+    scene = skin_scene()
+    far = track(scene, [[0.0, 0, 0], [0.35, 0, 0], [0.2, 0, 0]], reach_m=0.04)
+    assert far.found.tolist() == [True, False, True]
+    np.testing.assert_array_equal(far.place[1], [0.35, 0, 0])
+    assert 5 not in far.label
+    few = track(scene, [[0.0, 0, 0]] * 3, least_voxels=21)
+    assert not few.found.any()
+    none = track((*scene[:2], np.zeros(240, bool)), [[0.0, 0, 0]] * 3)
+    assert not none.label.any()
+    assert not none.found.any()
+
+
+def test_hands_that_touch_share_their_region():
+    index, center, is_skin = skin_scene()
+    found = track((index, center, is_skin), [[0.0, 0, 0], [0.195, 0, 0], [0.245, 0, 0]])
+    middle = index[:, 0] // 20 == 1
+    wanted = np.where(is_skin & middle, np.where(index[:, 0] <= 22, 5, 7), 0)
+    np.testing.assert_array_equal(np.where(middle, found.label, 0), wanted)
+
+
+def test_a_frame_goes_through_all_four_steps(rng):
+    before = block(30, 5, 4)
+    label = np.where(before[:, 0] < 15, 4, 5).astype(np.uint8)
+    index = np.add(before, [2, 0, 0])
+    skin = np.where(index[:, 0] > 29, 5, 0)
+    found = provisional.label_provisionally(
+        index, before, label, shares(label), SETTINGS, skin_label=skin
+    )
+    nearest = provisional.label_from_previous(index, before, label)
+    assert (nearest == 4).sum() == 13 * 20
+    assert (found[skin > 0] == 5).all()
+    assert shares(found)[3] >= 0.97 * shares(label)[3]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"volume_tolerance": 1.0}, "volume_tolerance 1.0 must be from 0"),
+        ({"most_rings": -1}, "most_rings -1 must be 0 or more"),
+        ({"skin_speed": 0.0}, "skin_speed 0.0 must be larger"),
+        ({"least_skin_m2": -0.1}, "least_skin_m2 -0.1 must be 0"),
+    ],
+)
+def test_settings_that_label_nothing_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        provisional.ProvisionalSettings(**settings)

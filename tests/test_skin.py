@@ -70,6 +70,16 @@ def test_gloves_of_the_costumes_color_leave_a_guess_by_the_face(rng):
     assert np.mean(skin_ratio(model, shades(rng, SKIN))[0] > 1.0) > 0.95
 
 
+def test_hands_that_the_hull_has_lost_are_not_learned_from_specks(rng):
+    frame = dancer(STRETCHED, rng, hand=GLOVE)
+    lost = find_skin_parts(frame.center, JOINTS, STATURE_M, SkinSettings()) == 1
+    lost[np.flatnonzero(lost)[:5]] = False
+    left = SurfaceFrame(frame.center[~lost], frame.color[~lost], frame.camera[~lost])
+    model = learn_skin([left], JOINTS, STATURE_M)
+    assert model.hand_separability == pytest.approx(0.4 * model.face_separability)
+    assert np.mean(skin_ratio(model, shades(rng, SKIN))[0] > 1.0) > 0.95
+
+
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_the_ratio_is_that_of_the_shares_of_a_color(rng, share):
     """Without shades: hands are of one color only, and a share of all else is too."""

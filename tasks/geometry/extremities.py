@@ -62,8 +62,9 @@ class ExtremitySettings:
     no_end: float = 0.3
     """Cost of a frame in which a hand is not an end of the surface; grows as skin says less."""
 
-    together: float = 1.6
-    """Cost of a frame in which both hands are one lump."""
+    together: float = 2.0
+    """Cost of a frame in which both hands are one lump: as of one unseen, for one lump is no
+    evidence of two hands. From there on more changes nothing."""
 
     at_face: float = 2.0
     """Cost of a frame in which a hand is where the face is, which is skin without it."""

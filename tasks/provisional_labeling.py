@@ -57,7 +57,8 @@ class ProvisionalSettings:
     a hand."""
 
     most_rings: int = 400
-    """Rings that are added at most: shares that can be reached take fewer than 150."""
+    """Rings that are added at most: on the two shared dancers that were tried labels and limbs
+    were the better the more were allowed, of 0, 40, 120 and 400."""
 
     skin_speed: float = 5.0
     """How fast a hand or the face moves at most, statures a second: a punch is 5."""

@@ -52,7 +52,9 @@ def test_a_frame_before_without_voxels_is_refused():
         )
     with pytest.raises(ValueError, match="6 voxels with 5 labels say nothing"):
         provisional.label_from_previous(block(1, 2, 3), block(1, 2, 3), np.ones(5, int))
-    empty = provisional.label_from_previous(np.zeros((0, 3), np.int32), block(1, 2, 3), np.ones(6))
+    empty = provisional.label_from_previous(
+        np.zeros((0, 3), np.int32), block(1, 2, 3), np.ones(6, int)
+    )
     assert empty.shape == (0,)
 
 
@@ -76,6 +78,7 @@ def test_each_ring_goes_to_the_segment_that_shrank_most():
     truth = np.digitize(index[:, 0], [10, 30]) + 1
     label = (np.digitize(index[:, 0], [4, 36]) + 1).astype(np.uint8)
     share = shares(truth)
+    grown = label
     for rings in range(1, 13):
         settings = provisional.ProvisionalSettings(most_rings=rings)
         grown = provisional.restore_volumes(label, voxel_neighbors(index), share, settings)
@@ -107,8 +110,9 @@ def skin_scene():
 
 
 def track(scene, place, *, reach_m=0.08, least_voxels=12):
+    index, center, is_skin = scene
     return provisional.track_skin(
-        *scene, np.array(place), reach_m=reach_m, least_voxels=least_voxels
+        index, center, is_skin, np.array(place), reach_m=reach_m, least_voxels=least_voxels
     )
 
 

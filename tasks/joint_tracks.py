@@ -1,0 +1,155 @@
+"""Turn a fitted pose into the 21-joint track that search uses.
+
+Every joint is fixed to the segment that carries it. The top of the head, the finger tips and
+the toe tips are where a segment ends, and the voxels show that better than a length measured
+once: along the bone they are moved to the end of the segment's voxels. Wrists, ankles and heels
+are nowhere to be seen in a hull; they are kept where the segment that carries them fits its
+voxels, and are missing elsewhere. The paper has no such track; the joints are the retrieval
+paper's.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.body_tree import CARRIERS, JOINT_NAMES
+from tasks.retrieval.normalization import DEFAULT_STATURE_M, measure_stature
+
+_BONES = {"Head": "Neck", "RFin": "RElbow", "LFin": "LElbow", "RFoot": "RAnkle", "LFoot": "LAnkle"}
+"""The joints at the segments' ends, and the joint that the bone to each begins at."""
+
+_INFERRED = tuple(k for k, name in enumerate(JOINT_NAMES) if name[1:] in ("Wrist", "Ankle", "Heel"))
+
+
+@dataclass(frozen=True)
+class JointTrackSettings:
+    """Everything that changes a joint track.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of range.
+    """
+
+    radius: float = 0.055
+    """How far from the bone a voxel may be to be its end, statures: 9 cm of 1.7 m, half a head
+    or a hand's length across; a sleeve hangs lower."""
+
+    most_change: float = 0.04
+    """How far along the bone an end is moved at most, statures: 7 cm of 1.7 m, as much as
+    fingers that are bent."""
+
+    end_share: float = 0.98
+    """Share of the voxels along the bone that are before its end: the rest are stray."""
+
+    least_voxels: int = 30
+    """Voxels along a bone with which its end is measured at all."""
+
+    least_quality: float = 0.4
+    """Share of a segment's voxels that fit, below which what it carries unseen is missing: an
+    ellipsoid of its own voxels holds 0.75 of them."""
+
+    def __post_init__(self) -> None:
+        faults = [
+            f"{name} {getattr(self, name)} must be finite and 0 or more"
+            for name in ("radius", "most_change")
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0)
+        ]
+        faults += [
+            f"{name} {getattr(self, name)} must be from 0 to 1"
+            for name in ("end_share", "least_quality")
+            if not 0 <= getattr(self, name) <= 1
+        ]
+        if self.least_voxels < 1:
+            faults.append(f"least_voxels {self.least_voxels} must be 1 or more")
+        if faults:
+            raise ValueError(f"no joint track can be made so: {'; '.join(faults)}")
+
+
+def move_to_ends(
+    joint: NDArray[np.floating],
+    center: NDArray[np.floating],
+    label: NDArray[np.integer],
+    settings: JointTrackSettings,
+    *,
+    stature_m: float,
+) -> NDArray[np.float64]:
+    """Return one frame's joints with head, fingers and toes at the ends of their voxels.
+
+    Parameters
+    ----------
+    joint : (21, 3) float
+        In the world, metres; NaN where missing.
+    center : (voxel, 3) float
+        Metres.
+    label : (voxel,) int
+        Final labels, 1 to 11.
+    settings
+        How ends are measured.
+    stature_m
+        Of the performer.
+    """
+    moved = np.array(joint, np.float64)
+    for name, base in _BONES.items():
+        tip, root = JOINT_NAMES.index(name), JOINT_NAMES.index(base)
+        bone = moved[tip] - moved[root]
+        length = float(np.linalg.norm(bone))
+        if not length > 0:  # NaN, too
+            continue
+        bone = bone / length
+        away = center[label == CARRIERS[tip] + 1] - moved[root]
+        along = away @ bone
+        aside = np.linalg.norm(away - along[:, None] * bone, axis=1)
+        along = along[(aside <= settings.radius * stature_m) & (along > 0)]
+        if len(along) >= settings.least_voxels:
+            most = settings.most_change * stature_m
+            change = float(np.quantile(along, settings.end_share)) - length
+            moved[tip] += bone * min(max(change, -most), most)
+    return moved
+
+
+def build_joint_track(
+    joint: NDArray[np.floating], quality: NDArray[np.floating], settings: JointTrackSettings
+) -> NDArray[np.float32]:
+    """Return the track of a take, NaN where the evidence does not allow a joint.
+
+    Parameters
+    ----------
+    joint : (time, 21, 3) float
+        Of the fitted pose, metres.
+    quality : (time, 11) float
+        How well each segment fits, 0 to 1.
+    settings
+        What is evidence.
+
+    Returns
+    -------
+    (time, 21, 3) float32
+        Metres. Wrists, ankles and heels are NaN where the segment that carries them fits badly.
+
+    Raises
+    ------
+    ValueError
+        If joints and qualities do not fit each other.
+    """
+    joint, quality = np.asarray(joint), np.asarray(quality)
+    if joint.shape[1:] != (21, 3) or quality.shape != (len(joint), 11):
+        raise ValueError(
+            f"joints of shape {joint.shape} and qualities of shape {quality.shape} do not fit; "
+            "pass (time, 21, 3) and (time, 11)"
+        )
+    track = np.array(joint, np.float32)
+    for k in _INFERRED:
+        track[quality[:, CARRIERS[k]] < settings.least_quality, k] = np.nan
+    return track
+
+
+def track_stature(track: NDArray[np.floating]) -> float:
+    """Return the stature of a take, metres: the median over frames, of DESIGN's section 6.
+
+    1.6 m where no frame has all joints that it is measured by.
+    """
+    stature = measure_stature(track, JOINT_NAMES)
+    return stature if math.isfinite(stature) else DEFAULT_STATURE_M

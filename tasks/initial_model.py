@@ -318,9 +318,11 @@ def _judge(
             f"the arms reach {reach:.2f} m to each side of a performer {height:.2f} m high, where "
             f"{settings.reach * height:.2f} m or more are wanted"
         )
-    if arms.slope > settings.steepest or arms.rough_m > 0.1 * arms.half_span_m:
+    if arms.rough_m > 0.1 * arms.half_span_m:
+        return "no straight line of an arm shows on both sides"
+    if arms.slope > settings.steepest:
         degrees = math.degrees(math.atan(arms.slope))
-        return f"an arm is not straight sideways but {degrees:.0f} degrees off or bent"
+        return f"an arm is not straight sideways but {degrees:.0f} degrees off"
     straight = 1.0 - 0.5 * arms.slope / settings.steepest
     smooth = math.exp(-0.5 * (arms.rough_m / (0.03 * arms.half_span_m)) ** 2)
     shown = min(1.0, 0.5 + arms.thin)

@@ -30,6 +30,9 @@ UPPER_ARM_SHARE, FOREARM_SHARE = 0.413, 0.363
 finger, 0.38 to 0.42 and 0.35 to 0.40 in rigs."""
 SPAN_PER_STATURE = 1.03
 """Arm span over stature; the arms are stretched, the knees need not be."""
+HEAD_ABOVE_ARMS = 0.20
+"""Top of the head over the line of stretched arms, in statures: 0.182 by Drillis and Contini to
+the shoulders' upper ends; with the span it tells the stature of somebody who crouches."""
 NECK_SHARE = 0.20
 """Base of the neck above the line of the arms, of what the top of the head is above it."""
 HIPS_BELOW_TOP = 0.495
@@ -124,6 +127,7 @@ def _fit_arms(
     """Return the lines of both arms, steepest slope, roughness, thin share, if hands show."""
     front = np.cross(left, [0.0, 1.0, 0.0])
     aside, ahead = (upper - middle) @ left, (upper - middle) @ front
+    thickest = 0.055 * max(2.0 * half, float(np.ptp(upper[:, 1])) / 0.45)
     lines, slopes, roughs, thins = np.zeros((2, 2, 2)), [0.0], [0.0], []
     bare = []
     for side in range(2):
@@ -137,7 +141,7 @@ def _fit_arms(
                 continue
             height = upper[here, 1]
             low, high = np.percentile(height, [2, 98])
-            if high - low < 0.055 * 2 * half:
+            if high - low < thickest:
                 found.append([(number + 0.5) * voxel_m, (low + high) / 2, np.mean(ahead[here])])
             elif number > 0.92 * last:
                 hidden += 1
@@ -211,7 +215,8 @@ def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | 
     neck = shoulders + NECK_SHARE * above * up
     low = height.min() - voxel_m / 2
     extent = head[1] - low
-    stature = stature_m or max(extent, 2.0 * half / SPAN_PER_STATURE)
+    by_span, by_head = 2.0 * half / SPAN_PER_STATURE, above / HEAD_ABOVE_ARMS
+    stature = stature_m or max(extent, min(by_span, (by_span + by_head) / 2.0))
     length = HIPS_BELOW_TOP * stature - (head[1] - neck[1])
     hips = _follow_trunk(point, arms, neck, length, half)
     return Trunk(head, neck, neck + WAIST_SHARE * (hips - neck), hips, float(stature))

@@ -40,15 +40,15 @@ def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:
     whole = {name: np.asarray(place, np.float64) for name, place in joints.items()}
     whole = {name: place for name, place in whole.items() if np.isfinite(place).all()}
     hips = (whole["RHip"] + whole["LHip"]) / 2.0
+    front = np.cross(whole["LHip"] - whole["RHip"], [0.0, 1.0, 0.0])
     whole.setdefault("Waist", whole["Neck"] + 0.56 * (hips - whole["Neck"]))
     for side in "RL":
         elbow, tip = whole[f"{side}Elbow"], whole[f"{side}Fin"]
         knee, toe = whole[f"{side}Knee"], whole[f"{side}Foot"]
         shank = float(np.linalg.norm(knee - whole[f"{side}Hip"]))
         whole.setdefault(f"{side}Wrist", elbow + 0.62 * (tip - elbow))
-        back = (knee - toe) * [1.0, 0.0, 1.0]
-        back *= 0.62 * shank / max(float(np.linalg.norm(back)), 1e-9)
-        whole.setdefault(f"{side}Heel", toe + back)
+        ahead = toe - whole[f"{side}Ankle"] if f"{side}Ankle" in whole else front
+        whole.setdefault(f"{side}Heel", toe - 0.62 * shank * _unit(ahead * [1.0, 0.0, 1.0]))
         above = np.array([0.0, 0.10 * shank, 0.0])
         ankle = whole[f"{side}Heel"] + 0.25 * (toe - whole[f"{side}Heel"]) + above
         whole.setdefault(f"{side}Ankle", ankle)

@@ -22,6 +22,8 @@ FOOT_HEIGHT = 0.06
 """What belongs to a foot above its lowest voxel, in statures."""
 SOLE_HEIGHT = 0.014
 """Of heel and toe above the floor, in statures."""
+KNEE_ASIDE = 0.03
+"""How far a knee usually is beside the plane of hip, ankle and facing, in statures."""
 INSIDE = 0.03
 """Depth in the hull, in statures, from which a bone counts as inside: a shank's radius."""
 
@@ -152,7 +154,7 @@ def _find_knee(
         lines = np.concatenate([hip + part * (knee - hip), ankle + (part - 0.1) * (knee - ankle)])
         lack = np.clip(1.0 - depths.at(lines) / (INSIDE * stature_m), 0.0, None)
         backward = np.clip(-(knee - hip) @ ahead / stature_m, 0.0, None)
-        outward = abs((knee - hip) @ aside) / stature_m
-        cost = wrong + 60.0 * (lack**2).mean(axis=0) + 100.0 * backward + 8.0 * outward
+        off = ((knee - hip) @ aside / (KNEE_ASIDE * stature_m)) ** 2
+        cost = wrong + 60.0 * (lack**2).mean(axis=0) + 100.0 * backward + off
         best = knee[int(np.argmin(cost))]
     return best

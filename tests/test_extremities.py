@@ -6,6 +6,7 @@ from tasks.geometry.skin import SurfaceFrame
 from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
 
 RATE_HZ = 30.0
+too_slow_interpreted = pytest.mark.compiled
 EMPTY = SurfaceFrame(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty(0, np.uint8))
 
 
@@ -33,6 +34,7 @@ def off(found, hands):
     return np.linalg.norm(found.position[:, 1:] - hands, axis=2)
 
 
+@too_slow_interpreted
 @pytest.mark.parametrize("sash", [None, GOLD], ids=["plain", "gold sash"])
 def test_hands_that_cross_keep_their_sides(rng, sash):
     hands = swing(44)
@@ -46,6 +48,7 @@ def test_hands_that_cross_keep_their_sides(rng, sash):
     assert abs(found.facing[:, 0]).max() < 0.2
 
 
+@too_slow_interpreted
 def test_a_turned_performer_is_followed_alike(rng):
     """Turned about the vertical, moved and made smaller: all places follow."""
     hands = swing(30)
@@ -66,6 +69,7 @@ def test_a_turned_performer_is_followed_alike(rng):
     assert (again.facing @ ahead > 0.9).all()
 
 
+@too_slow_interpreted
 def test_a_hidden_hand_is_unseen_and_found_again(rng):
     hands = swing(40)
     frames = film(hands, rng)
@@ -81,6 +85,7 @@ def test_a_hidden_hand_is_unseen_and_found_again(rng):
     assert unsure.mean() > 0.7
 
 
+@too_slow_interpreted
 def test_hands_hidden_for_long_come_back_on_their_own_sides(rng):
     """They vanish crossed, so that each comes back nearer to where the other vanished."""
     hands = np.concatenate(
@@ -94,6 +99,7 @@ def test_hands_hidden_for_long_come_back_on_their_own_sides(rng):
     assert (off(found, hands)[36:] < 0.05).all()
 
 
+@too_slow_interpreted
 @pytest.mark.parametrize("wrists", [("RWrist",), ("RWrist", "LWrist")], ids=["one", "both"])
 def test_unknown_wrists_are_a_hand_before_the_fingertips(rng, wrists):
     hands = swing(20)
@@ -104,6 +110,7 @@ def test_unknown_wrists_are_a_hand_before_the_fingertips(rng, wrists):
     np.testing.assert_allclose(initial_places(joints, STATURE_M)[1:], STRETCHED, atol=0.01)
 
 
+@too_slow_interpreted
 def test_empty_frames_are_unseen_and_cost_nothing_else(rng):
     hands = swing(36)
     frames = film(hands, rng)
@@ -117,6 +124,7 @@ def test_empty_frames_are_unseen_and_cost_nothing_else(rng):
     assert len(found.candidates[5].hand) == len(found.hand_cost[5]) == 0
 
 
+@too_slow_interpreted
 def test_the_initial_frame_may_be_any(rng):
     hands = swing(33)
     frames = film(hands, rng)[::-1]
@@ -124,6 +132,7 @@ def test_the_initial_frame_may_be_any(rng):
     assert (off(found, hands[::-1]) < 0.05).all()
 
 
+@too_slow_interpreted
 def test_where_skin_says_nothing_weights_are_low(rng):
     hands = swing(30)
     sure = find_extremities(film(hands, rng), RATE_HZ, STATURE_M, JOINTS)

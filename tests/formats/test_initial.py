@@ -44,7 +44,7 @@ def path(tmp_path):
 
 def test_what_is_written_is_read_again(path):
     position = stretched()
-    label = np.repeat([3, 1, 0, 11, 3], [4, 1, 2, 300, 1])
+    label = np.repeat([0, 3, 1, 0, 11, 3], [5, 4, 1, 2, 300, 1])
     write_initial(path, position, frame=17, label=label)
     again = read_initial(path)
     np.testing.assert_allclose(again.position, position, atol=5e-5)

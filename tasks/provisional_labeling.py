@@ -57,8 +57,9 @@ class ProvisionalSettings:
     a hand."""
 
     most_rings: int = 400
-    """Rings that are added at most: on the two shared dancers that were tried labels and limbs
-    were the better the more were allowed, of 0, 40, 120 and 400."""
+    """Rings that are added at most. Of the paper's "repeat until the shares converge"; shares
+    that cannot be reached together never do. With 0, 40, 120 and 400 the paper's chain labels
+    .59, .66, .72 and .77 of a fitting costume right, of a kimono .35, .29, .48 and .40."""
 
     skin_speed: float = 5.0
     """How fast a hand or the face moves at most, statures a second: a punch is 5."""

@@ -62,15 +62,14 @@ def test_the_ellipsoids_at_the_first_frame_are_those_of_the_voxels(labeled, join
 
 def test_all_joints_are_rebuilt_from_the_local_parameters(labeled, joint):
     joint[JOINTS.index("LHeel")] = np.nan
-    model = body_model.measure_body(*labeled, joint)
+    model = body_model.measure_body(labeled[0], labeled[1], joint)
     _, turn = tree.pose_in_parents(model.position, model.rotation)
     local = model.shape.offset.copy()
     local[0] = model.position[0]
-    world = tree.pose_in_world(local, turn)
-    np.testing.assert_allclose(world[0], model.position, atol=1e-12)
-    np.testing.assert_allclose(
-        tree.carry_joints(model.shape.joint, world[0], world[1]), joint, atol=1e-12, equal_nan=True
-    )
+    position, rotation = tree.pose_in_world(local, turn)
+    np.testing.assert_allclose(position, model.position, atol=1e-12)
+    again = tree.carry_joints(model.shape.joint, position, rotation)
+    np.testing.assert_allclose(again, joint, atol=1e-12, equal_nan=True)
 
 
 def test_moving_and_turning_a_performer_changes_no_shape(labeled, joint):

@@ -100,6 +100,12 @@ def test_cleaning_agrees_with_its_naive_twin_and_leaves_one_region_a_label(seed)
     assert (label != clean).any()
 
 
+def test_of_equally_large_regions_the_first_stays():
+    line = np.array([[0, 0, n] for n in range(9)])
+    label = np.array([4, 4, 6, 6, 6, 4, 4, 6, 6])
+    assert final_labeling.clean_labels(label, line).tolist() == [4, 4, 6, 6, 6, 6, 6, 6, 6]
+
+
 def test_a_piece_apart_takes_the_nearest_label(rng):
     body = np.stack(np.meshgrid(range(8), range(5), range(3), indexing="ij"), -1).reshape(-1, 3)
     apart = np.array([[11, 2, 1], [11, 2, 2]])

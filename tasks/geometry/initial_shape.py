@@ -251,8 +251,8 @@ def vote_facing(
 ) -> tuple[float, list[str]]:
     """Return how surely the performer faces `arms.front` (-1 to 1) and what said so.
 
-    Three witnesses: feet are longer before the ankle than behind it, a face has the color of
-    the hands and hair has not, and heads are held before the neck.
+    Four witnesses: feet are longer before the ankle than behind it, knees bend forward, a face
+    has the color of the hands and hair has not, and heads are held before the neck.
 
     Parameters
     ----------
@@ -275,6 +275,12 @@ def vote_facing(
             steps.append((sole.mean(axis=0) - instep.mean(axis=0)) @ arms.front)
     if steps:
         votes.append((float(np.sum(steps)) / (0.03 * stature), 1.0, "the feet"))
+    level = point[:, 1].min() + 0.27 * stature
+    knees = point[abs(point[:, 1] - level) < 0.04 * stature]
+    if len(knees) > 5 and feet:
+        ends = (np.mean([foot.mean(axis=0) for foot in feet], axis=0) + trunk.hips) / 2.0
+        bend = float((knees.mean(axis=0) - ends) @ arms.front)
+        votes.append((bend / (0.05 * stature), 1.0, "the bend of the knees"))
     if surface is not None and color is not None:
         vote = _vote_of_face(surface, color.astype(np.float64), arms, trunk)
         if vote is not None:

@@ -1,4 +1,7 @@
-"""Captures into takes: films -> silhouettes -> visual hulls -> colored voxels."""
+"""Captures into takes.
+
+Films -> silhouettes -> visual hulls -> colored voxels -> initial model -> poses -> labels -> index.
+"""
 
 import hashlib
 import logging
@@ -12,17 +15,27 @@ from prefect.artifacts import create_progress_artifact, update_progress_artifact
 
 from storage import open_archive
 from storage.blocks import block_path, discard_blocks
+from storage.errors import InputError
 from storage.formats.capture import read_capture
 from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.assembling import Blocks, assemble_take, is_digitized
-from tasks.cached import carve_block_once, color_block_once, extract_block_once
+from tasks.cached import (
+    carve_block_once,
+    color_block_once,
+    extract_block_once,
+    fit_take_once,
+    index_take_once,
+    label_block_once,
+    model_take_once,
+)
 from tasks.capture_agreement import check_take
 from tasks.capture_films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import publish_take
+from tasks.posing import PosingSettings, fit_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 
 logger = logging.getLogger(__name__)
@@ -30,11 +43,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DigitizationSettings:
-    """The settings of every stage from the films to the colored voxels."""
+    """The settings of every stage from the films to the labels."""
 
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     carving: CarvingSettings = field(default_factory=CarvingSettings)
     coloring: ColoringSettings = field(default_factory=ColoringSettings)
+    posing: PosingSettings = field(default_factory=PosingSettings)
 
 
 @flow(name="digitize_take", flow_run_name="digitize {recording.take}", persist_result=False)
@@ -71,6 +85,8 @@ def digitize_take(
         identity=identity,
         notes=notes,
     )
+    if "motion" in draft["stages"]:
+        index_take_once(archive=archive, take=draft["take"], version=draft["version"])
     publish_take(archive, draft)
     discard_blocks(opened.place, recording.take, recording.digest)
     record = read_record(opened.place, recording.take)
@@ -84,7 +100,7 @@ def _compute_blocks(
     """Return the blocks of every stage, and what was noted of the silhouettes."""
     capture = read_capture(Path(recording.path))
     ranges = block_ranges(capture)
-    tell = _teller(recording.take, 3 * len(ranges), capture.frames)
+    tell = _teller(recording.take, 4 * len(ranges) + 1, capture.frames)
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
     blocks: Blocks = {"silhouettes": [], "carving": [], "coloring": []}
 
@@ -113,7 +129,44 @@ def _compute_blocks(
         tell("coloring", end)
         blocks["carving"].append(hulls)
         blocks["coloring"].append(colors)
+    try:
+        blocks |= _pose_blocks(shared, recording, blocks, settings.posing, tell, into)
+    except InputError as error:
+        notes.append(f"The take has no pose and is not searched: {error}")
     return blocks, notes
+
+
+def _pose_blocks(
+    shared: dict[str, Any],
+    recording: Recording,
+    blocks: Blocks,
+    settings: PosingSettings,
+    tell: Callable[[str, int], None],
+    into: Callable[[str, int], str],
+) -> Blocks:
+    """Return the initial model, the poses and the labels of a take."""
+    voxels = {
+        "hulls": list(map(_named, blocks["carving"])),
+        "colors": list(map(_named, blocks["coloring"])),
+    }
+    initial = model_take_once(**shared, **voxels, into=into("initial-model", 0))
+    named = _named(initial)
+    end = voxels["hulls"][-1]["end"]
+    fitted = fit_take_once(
+        **shared, **voxels, initial=named, into=into("pose", 0), settings=settings
+    )
+    tell("poses", end)
+    labels = []
+    for hulls in voxels["hulls"]:
+        first, last = hulls["start"], hulls["end"]
+        labels.append(
+            label_block_once(
+                **shared, **voxels, initial=named, fitted=_named(fitted), start=first, end=last,
+                into=into("labels", first), settings=settings,
+            )
+        )  # fmt: skip
+        tell("labels", last)
+    return {"initial_model": [initial], "pose": [fitted], "labels": labels}
 
 
 def _identity(recording: Recording, settings: DigitizationSettings) -> str:
@@ -122,6 +175,7 @@ def _identity(recording: Recording, settings: DigitizationSettings) -> str:
         fingerprint(extract_block, {"settings": settings.silhouettes}),
         fingerprint(carve_block, {"settings": settings.carving}),
         fingerprint(color_block, {"settings": settings.coloring}),
+        fingerprint(fit_take, {"settings": settings.posing}),
         fingerprint(assemble_take, {}),
         recording.digest,
     ]
@@ -130,7 +184,8 @@ def _identity(recording: Recording, settings: DigitizationSettings) -> str:
 
 def _named(block: dict[str, Any]) -> dict[str, Any]:
     """Return what names a block, without how long it took."""
-    return {key: value for key, value in block.items() if key != "seconds"}
+    names = ("path", "start", "end", "sha256", "frame")
+    return {key: block[key] for key in names if key in block}
 
 
 def _teller(take: str, total: int, frames: int) -> Callable[[str, int], None]:

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.archive import Archive
+from storage.arrays import write_motion
 from storage.blocks import read_block
 from storage.errors import InputError
 from storage.formats.capture import Capture, read_capture
 from storage.places import Place
+from storage.pose_arrays import write_body, write_pose
 from storage.provenance import Provenance
 from storage.publication import (
     Record,
@@ -26,10 +28,17 @@ from storage.publication import (
     version_folder,
 )
 from storage.recordings import digest_capture
+from storage.schema import JOINTS
 from storage.voxel_arrays import write_cameras, write_silhouettes, write_voxels
+from tasks.body_model import measure_body
 from tasks.capture_films import grid_of, largest_image
+from tasks.geometry.body_tree import pose_in_parents
+from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
+from tasks.joint_tracks import JointTrackSettings, build_joint_track, track_stature
+from tasks.retrieval.normalization import joints_present
 
 _NO_CAMERA = 255
+_SETTINGS = {"initial_model": "posing", "pose": "posing", "labels": "posing"}
 
 Blocks = dict[str, list[dict[str, Any]]]
 """What the tasks of a stage returned, in the order of the frames, by stage."""
@@ -53,7 +62,8 @@ def assemble_take(
     take
         What it is to be called.
     blocks
-        Of `silhouettes`, `carving` and `coloring`.
+        Of `silhouettes`, `carving` and `coloring`, and where a pose was fitted of
+        `initial_model`, `pose` and `labels`.
     settings
         Of each stage, as JSON can hold them.
     identity
@@ -88,8 +98,12 @@ def assemble_take(
         "cameras": Provenance("calibration", {}, {capture: digest}),
         **_provenances(blocks, settings, capture, digest),
     }
+    joints_there: list[str] = []
     try:
-        _write_groups(place, source, version_folder(take, version), blocks, offsets, provenances)
+        folder = version_folder(take, version)
+        _write_groups(place, source, folder, blocks, offsets, provenances)
+        if "pose" in blocks:
+            joints_there = _write_body(place, source, folder, blocks, provenances["pose"])
         files = describe_files(place, take, version)
     except BaseException:
         discard_version(place, take, version)
@@ -108,10 +122,16 @@ def assemble_take(
         metadata=source.metadata,
         frames=source.frames,
         rate_hz=source.fps,
-        joints_present=[],
-        stages=["cameras", "silhouettes", "voxels"],
+        joints_present=joints_there,
+        stages=["cameras", "silhouettes", "voxels"]
+        + (["labels", "body", "pose", "motion"] if "pose" in blocks else []),
         files=files,
-        notes=[*source.notes, *notes, *_empty_notes(empty, source.frames)],
+        notes=[
+            *source.notes,
+            *notes,
+            *_empty_notes(empty, source.frames),
+            *_pose_notes(place, blocks),
+        ],
     )
     return asdict(draft)
 
@@ -148,6 +168,7 @@ def _write_groups(
     )
     grid = grid_of(source)
     coloring = {"provenance": provenances["coloring"].attributes()}
+    labeled = ("provisional_label", "label") if "labels" in blocks else ()
     write_voxels(
         place,
         folder,
@@ -159,6 +180,7 @@ def _write_groups(
                 name: _arrays(place, blocks["coloring"], name)
                 for name in ("is_surface", "color", "camera")
             },
+            **{name: _arrays(place, blocks["labels"], name) for name in labeled},
         },
         attributes={
             "origin_m": list(grid.origin_m),
@@ -167,9 +189,89 @@ def _write_groups(
             "no_camera": _NO_CAMERA,
             "provenance": provenances["carving"].attributes(),
         },
-        array_attributes=dict.fromkeys(("is_surface", "color", "camera"), coloring),
+        array_attributes={
+            **dict.fromkeys(("is_surface", "color", "camera"), coloring),
+            **{name: {"provenance": provenances["labels"].attributes()} for name in labeled},
+        },
         rate_hz=source.fps,
     )
+
+
+def _write_body(
+    place: Place, source: Capture, folder: str, blocks: Blocks, provenance: Provenance
+) -> list[str]:
+    """Write body, pose and motion of a version; return the joints that are there."""
+    [initial], [fitted] = blocks["initial_model"], blocks["pose"]
+    start, fit = read_block(place, initial), read_block(place, fitted)
+    grid, frame = grid_of(source), initial["frame"]
+    hull = next(each for each in blocks["carving"] if each["start"] <= frame < each["end"])
+    runs = VoxelRuns(**read_block(place, hull), shape=grid.shape)
+    center = voxel_centers(grid, voxel_index(runs, frame - hull["start"]))
+    shape = measure_body(center, start["label"], start["position"]).shape
+    write_body(
+        place,
+        folder,
+        {
+            "centroid": shape.centroid,
+            "axes": shape.axes,
+            "variance": shape.variance,
+            "offset": shape.offset,
+            "joint_offset": shape.joint,
+            "volume_share": shape.volume_share,
+            "initial_joint": start["position"],
+        },
+        attributes={"initial_frame": frame, "confidence": initial["confidence"]},
+        provenance=provenance,
+    )
+    local_position, local_rotation = pose_in_parents(fit["position"], fit["rotation"])
+    write_pose(
+        place,
+        folder,
+        {
+            **{name: fit[name] for name in ("position", "rotation", "quality", "doubtful")},
+            "local_position": local_position,
+            "local_rotation": local_rotation,
+        },
+        rate_hz=source.fps,
+        attributes={},
+        provenance=provenance,
+    )
+    track = build_joint_track(fit["joint"], fit["quality"], JointTrackSettings())
+    stature_m = source.stature_m or track_stature(track)
+    write_motion(
+        place,
+        folder,
+        position=track,
+        filled=np.zeros(track.shape[:2], np.bool_),
+        rate_hz=source.fps,
+        attributes={
+            "source": {"kind": "capture", "name": source.folder.name},
+            "metadata": source.metadata,
+            "stature_m": stature_m,
+            "stature_source": "given in capture.toml" if source.stature_m else "from the joints",
+            "marker_set": "fitted pose",
+            "notes": [],
+        },
+        provenance=provenance,
+    )
+    there = joints_present(track)
+    return [joint for joint, present in zip(JOINTS, there, strict=True) if present]
+
+
+def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
+    """Say how sure the initial model is, and which frames are doubtful."""
+    if "pose" not in blocks:
+        return []
+    doubtful = np.flatnonzero(read_block(place, blocks["pose"][0])["doubtful"])
+    initial = blocks["initial_model"][0]
+    notes = [
+        f"The body was measured in frame {initial['frame']}, with a confidence of "
+        f"{initial['confidence']:.2f}.",
+        *initial["notes"],
+    ]
+    if len(doubtful):
+        notes.append(f"The pose is doubtful in {len(doubtful)} frames: {_ranges(doubtful)}.")
+    return notes
 
 
 def _provenances(
@@ -180,7 +282,10 @@ def _provenances(
     inputs = {capture: digest}
     for stage, parts in blocks.items():
         made[stage] = Provenance(
-            stage, settings[stage], dict(inputs), seconds=sum(part["seconds"] for part in parts)
+            stage,
+            settings[_SETTINGS.get(stage, stage)],
+            dict(inputs),
+            seconds=sum(part["seconds"] for part in parts),
         )
         together = hashlib.sha256("".join(part["sha256"] for part in parts).encode())
         inputs[stage] = together.hexdigest()
@@ -223,8 +328,12 @@ def _empty_notes(empty: NDArray[np.intp], frames: int) -> list[str]:
     """Say which frames have no voxels."""
     if not len(empty):
         return []
-    ends = np.flatnonzero(np.diff(empty) > 1)
-    firsts, lasts = empty[np.r_[0, ends + 1]], empty[np.r_[ends, len(empty) - 1]]
+    return [f"In {len(empty)} of {frames} frames no voxel is occupied: {_ranges(empty)}."]
+
+
+def _ranges(numbers: NDArray[np.intp]) -> str:
+    """Return frames as ranges, the first ten of them."""
+    ends = np.flatnonzero(np.diff(numbers) > 1)
+    firsts, lasts = numbers[np.r_[0, ends + 1]], numbers[np.r_[ends, len(numbers) - 1]]
     ranges = [f"{a}-{b}" if a < b else f"{a}" for a, b in zip(firsts, lasts, strict=True)]
-    shown = ", ".join(ranges[:10]) + (", ..." if len(ranges) > 10 else "")
-    return [f"In {len(empty)} of {frames} frames no voxel is occupied: {shown}."]
+    return ", ".join(ranges[:10]) + (", ..." if len(ranges) > 10 else "")

@@ -21,6 +21,7 @@ from tasks.coloring import color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
+from tasks.posing import fit_take, label_block, model_take
 from tasks.silhouettes import extract_block
 
 
@@ -69,5 +70,8 @@ def _is_there(block: dict[str, Any], archive: str, **_: Any) -> bool:
 extract_block_once = cached(extract_block, run_name="silhouettes {into}", is_intact=_is_there)
 carve_block_once = cached(carve_block, run_name="carve {into}", is_intact=_is_there)
 color_block_once = cached(color_block, run_name="color {into}", is_intact=_is_there)
+model_take_once = cached(model_take, run_name="initial model {into}", is_intact=_is_there)
+fit_take_once = cached(fit_take, run_name="fit {into}", is_intact=_is_there)
+label_block_once = cached(label_block, run_name="label {into}", is_intact=_is_there)
 import_take_once = cached(import_take, run_name="import {recording.take}", is_intact=is_imported)
 index_take_once = cached(index_take, run_name="index {take}", is_intact=is_indexed)

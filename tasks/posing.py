@@ -1,0 +1,348 @@
+"""Store functions from colored voxels to a moving, segmented body (digitization paper, 3.2-3.4).
+
+The paper goes from frame to frame: provisional labels, pose, final labels. So does `paper` here.
+`joint`, the default, fits the poses of a whole take first, from the voxels themselves; what
+labels the voxels of a frame is then known for every frame, so labels are made block by block.
+"""
+
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage import open_archive
+from storage.blocks import read_block, write_block
+from storage.errors import InputError
+from storage.formats.capture import Capture, read_capture
+from storage.formats.initial import read_initial
+from storage.schema import JOINTS
+from tasks.body_model import measure_body
+from tasks.capture_films import grid_of, side_by_side
+from tasks.final_labeling import label_frame
+from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
+from tasks.geometry.extremities import Extremities, find_extremities
+from tasks.geometry.label_regions import voxel_neighbors
+from tasks.geometry.skin import SkinModel, SurfaceFrame, is_skin
+from tasks.geometry.voxels import join_runs, voxel_centers
+from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
+from tasks.joint_tracks import track_stature
+from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
+from tasks.pose_fitting import PoseSettings, fit_poses, label_blobs
+from tasks.provisional_labeling import ProvisionalSettings, label_provisionally, track_skin
+from tasks.voxel_frames import VoxelFrames
+
+logger = logging.getLogger(__name__)
+
+_ORIGIN = [JOINTS.index(name) for name in ORIGINS]
+_STARVED = 0.5  # of its voxels are outside its own ellipsoid
+
+
+@dataclass(frozen=True)
+class PosingSettings:
+    """Everything that changes a pose or a label."""
+
+    method: Literal["joint", "paper"] = "joint"
+    """How the pose is fitted: all segments at once, or from the head outwards as in the paper."""
+    joint: PoseSettings = field(default_factory=PoseSettings)
+    paper: PaperFitSettings = field(default_factory=PaperFitSettings)
+    provisional: ProvisionalSettings = field(default_factory=ProvisionalSettings)
+
+
+Refs = list[dict[str, Any]]
+
+
+def model_take(
+    archive: str, capture: str, digest: str, hulls: Refs, colors: Refs, into: str
+) -> dict[str, Any]:
+    """Find the joints and labels that a take begins with, or take them from `initial.json`.
+
+    Parameters
+    ----------
+    archive
+        Where the blocks are.
+    capture, digest
+        The folder, and the digest of what is in it.
+    hulls, colors
+        As `carve_block` and `color_block` returned them, in the order of the frames.
+    into
+        Path of the block in the archive.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`, and `frame`, `confidence` and `notes`; the arrays are
+        `position` (21, 3), m, and `label` of the frame's voxels.
+
+    Raises
+    ------
+    InputError
+        If no frame of the first second shows one performer with stretched arms, or
+        `initial.json` cannot be used.
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    frames = VoxelFrames(open_archive(archive).place, grid_of(source), hulls, colors)
+    first = range(min(len(frames), max(1, round(1.5 * source.fps))))
+    if source.initial:
+        found = _given_model(source.initial, frames)
+    else:
+        surfaces = [_surface(frames, n) for n in first]
+        found = find_initial_model(
+            join_runs([frames.hull(n) for n in first]),
+            frames.grid,
+            source.fps,
+            surfaces=surfaces,
+            stature_m=source.stature_m,
+        )
+    arrays = {"position": found.position, "label": found.label}
+    place = open_archive(archive).place
+    block = write_block(place, into, (found.frame, found.frame + 1), arrays, begun)
+    about = {"confidence": round(found.confidence, 3), "notes": list(found.notes)}
+    return {**block, "frame": found.frame, **about}
+
+
+def fit_take(
+    archive: str, capture: str, digest: str, hulls: Refs, colors: Refs, initial: dict[str, Any],
+    into: str, settings: PosingSettings,
+) -> dict[str, Any]:  # fmt: skip
+    """Fit the pose of every frame of a take.
+
+    Parameters
+    ----------
+    initial
+        As `model_take` returned it.
+    settings
+        The method and its numbers.
+    archive, capture, digest, hulls, colors, into
+        As for `model_take`.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
+        (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
+        what labels voxels (`blob_mean`, `blob_inverse` a frame and `blob_segment`), and where
+        face and hands were seen (`seen`), with the colors of skin.
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    place = open_archive(archive).place
+    frames = VoxelFrames(place, grid_of(source), hulls, colors)
+    start = read_block(place, initial)
+    joints = dict(zip(JOINTS, start["position"], strict=True))
+    stature_m = source.stature_m or track_stature(start["position"][None])
+    seen = find_extremities(
+        _Surfaces(frames), source.fps, stature_m, joints, initial_frame=initial["frame"]
+    )
+    fit = _fit_jointly if settings.method == "joint" else _fit_as_paper
+    arrays = fit(source, frames, start, initial["frame"], seen, settings)
+    arrays["seen"] = seen.position
+    arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
+    return write_block(place, into, (0, len(frames)), arrays, begun)
+
+
+def label_block(
+    archive: str, capture: str, digest: str, hulls: Refs, colors: Refs, initial: dict[str, Any],
+    fitted: dict[str, Any], into: str, start: int, end: int, settings: PosingSettings,
+) -> dict[str, Any]:  # fmt: skip
+    """Write provisional and final labels of the frames from `start` to before `end` as a block.
+
+    Parameters
+    ----------
+    fitted
+        As `fit_take` returned it.
+    archive, capture, digest, hulls, colors, initial, into, settings
+        As for `fit_take`.
+
+    Returns
+    -------
+    dict
+        As `storage.blocks.write_block`; the arrays are `provisional_label` and `label` (voxel,).
+    """
+    begun = time.monotonic()
+    source = read_capture(Path(capture))
+    place = open_archive(archive).place
+    frames = VoxelFrames(place, grid_of(source), hulls, colors)
+    fit, first = read_block(place, fitted), read_block(place, initial)
+    before = range(max(start - 1, 0), end)
+    final = dict(zip(before, side_by_side(lambda n: _final(frames, n, fit), before), strict=True))
+    share = np.bincount(first["label"], minlength=12)[1:].astype(np.float64)
+    share /= share.sum()
+
+    def provisional(frame: int) -> NDArray[np.uint8]:
+        if frame == 0 or not len(final[frame - 1]):
+            return final[frame]
+        skin = _skin_labels(frames, frame, fit, settings.provisional, source)
+        return label_provisionally(
+            frames.index(frame), frames.index(frame - 1), final[frame - 1], share,
+            settings.provisional, skin_label=skin,
+        )  # fmt: skip
+
+    own = range(start, end)
+    arrays = {
+        "provisional_label": np.concatenate(side_by_side(provisional, own)),
+        "label": np.concatenate([final[frame] for frame in own]),
+    }
+    return write_block(place, into, (start, end), arrays, begun)
+
+
+def _given_model(path: Path, frames: VoxelFrames) -> InitialModel:
+    """Return the model that a person placed, checked against the voxels of its frame."""
+    given = read_initial(path)
+    frame = given.frame or 0
+    if frame >= len(frames):
+        raise InputError(f"{path} is of frame {frame}; the take has the frames 0-{len(frames) - 1}")
+    hull = frames.hull(frame)
+    try:
+        found = model_from_joints(hull, frames.grid, given.position, frame=0, label=given.label)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return replace(found, frame=frame)
+
+
+def _surface(frames: VoxelFrames, frame: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Return index and color of the surface voxels of a frame."""
+    is_surface, color, _ = frames.surface(frame)
+    return frames.index(frame)[is_surface], color
+
+
+class _Surfaces(Sequence[SurfaceFrame]):
+    """The colored surfaces of a take, made when they are asked for."""
+
+    def __init__(self, frames: VoxelFrames) -> None:
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __iter__(self) -> Iterator[SurfaceFrame]:
+        return (self[n] for n in range(len(self)))
+
+    def __getitem__(self, frame: Any) -> Any:
+        is_surface, color, camera = self._frames.surface(frame)
+        center = voxel_centers(self._frames.grid, self._frames.index(frame)[is_surface])
+        return SurfaceFrame(center, color, camera)
+
+
+def _fit_jointly(
+    source: Capture, frames: VoxelFrames, start: dict[str, NDArray], initial_frame: int,
+    seen: Extremities, settings: PosingSettings,
+) -> dict[str, NDArray]:  # fmt: skip
+    """Fit all segments of all frames at once."""
+    fitted = fit_poses(
+        join_runs(list(frames.hulls(0, len(frames)))),
+        frames.grid,
+        source.fps,
+        start["position"],
+        start["label"],
+        initial_frame=initial_frame,
+        cues=seen.position,
+        cue_weights=seen.weight,
+        settings=settings.joint,
+    )
+    _, axes = local_systems(start["position"])
+    blobs = [label_blobs(fitted, frame) for frame in range(len(frames))]
+    return {
+        "joint": fitted.position,
+        "position": fitted.position[:, _ORIGIN],
+        "rotation": fitted.rotation @ axes,
+        "quality": fitted.quality,
+        "doubtful": fitted.doubtful,
+        "blob_mean": np.stack([mean for mean, _, _ in blobs]).astype(np.float32),
+        "blob_inverse": np.stack([inverse for _, inverse, _ in blobs]).astype(np.float32),
+        "blob_segment": blobs[0][2],
+    }
+
+
+def _fit_as_paper(
+    source: Capture, frames: VoxelFrames, start: dict[str, NDArray], initial_frame: int,
+    seen: Extremities, settings: PosingSettings,
+) -> dict[str, NDArray]:  # fmt: skip
+    """Fit frame after frame from the head outwards, with the labels that lead there."""
+    center = voxel_centers(frames.grid, frames.index(initial_frame))
+    body = measure_body(center, start["label"], start["position"])
+    stature_m = source.stature_m or track_stature(start["position"][None])
+    fit = {"seen": seen.position, "skin_hand": seen.model.hand, "skin_face": seen.model.face}
+    pose, label, previous = (body.position, body.rotation), start["label"], initial_frame
+    found = [(*pose, np.ones(11))]
+    means, inverses = [], []
+    for frame in range(len(frames)):
+        index = frames.index(frame)
+        if frame > initial_frame and len(index):
+            skin = _skin_labels(frames, frame, fit, settings.provisional, source)
+            before = frames.index(previous)
+            provisional = label_provisionally(
+                index, before, label, body.shape.volume_share, settings.provisional, skin_label=skin
+            )
+            found.append(
+                fit_frame(
+                    voxel_centers(frames.grid, index), provisional, body.shape, pose,
+                    settings.paper, rate_hz=source.fps, stature_m=stature_m,
+                )
+            )  # fmt: skip
+            pose, previous = found[-1][:2], frame
+        elif frame:
+            found.append((*pose, np.zeros(11) if frame > initial_frame else np.ones(11)))
+        mean, inverse = place_ellipsoids(body.shape, *pose)
+        means.append(mean)
+        inverses.append(inverse)
+        if frame > initial_frame and previous == frame:
+            label = label_frame(voxel_centers(frames.grid, index), index, mean, inverse)
+    track = join_poses(body.shape, found)
+    return {
+        "joint": track.joint,
+        "position": track.position,
+        "rotation": track.rotation,
+        "quality": track.quality,
+        "doubtful": track.quality.min(axis=1) < _STARVED,
+        "blob_mean": np.stack(means),
+        "blob_inverse": np.stack(inverses),
+        "blob_segment": np.arange(11),
+    }
+
+
+def _final(frames: VoxelFrames, frame: int, fit: dict[str, NDArray]) -> NDArray[np.uint8]:
+    """Return the final labels of a frame."""
+    index = frames.index(frame)
+    if not len(index):
+        return np.zeros(0, np.uint8)
+    return label_frame(
+        voxel_centers(frames.grid, index),
+        index,
+        fit["blob_mean"][frame],
+        fit["blob_inverse"][frame],
+        segment=fit["blob_segment"],
+        neighbors=voxel_neighbors(index),
+    )
+
+
+def _skin_labels(
+    frames: VoxelFrames, frame: int, fit: dict[str, NDArray], settings: ProvisionalSettings,
+    source: Capture,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return the label of the face's and the hands' voxels, 0 elsewhere."""
+    index = frames.index(frame)
+    label = np.zeros(len(index), np.uint8)
+    place = fit["seen"][frame]
+    if not np.isfinite(place).all():
+        return label
+    is_surface, color, camera = frames.surface(frame)
+    surface = index[is_surface]
+    skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
+    own = is_skin(skin, color) & (camera != 255)
+    stature_m = source.stature_m or 1.6
+    regions = track_skin(
+        surface,
+        voxel_centers(frames.grid, surface),
+        own,
+        place,
+        reach_m=settings.skin_speed * stature_m / source.fps,
+        least_voxels=round(settings.least_skin_m2 / frames.grid.voxel_m**2),
+    )
+    label[is_surface] = regions.label
+    return label

@@ -236,13 +236,14 @@ def _write_body(
         attributes={},
         provenance=provenance,
     )
-    track = build_joint_track(fit["joint"], fit["quality"], JointTrackSettings())
+    joint = np.concatenate([read_block(place, block)["joint"] for block in blocks["labels"]])
+    track, filled = build_joint_track(joint, fit["quality"], JointTrackSettings())
     stature_m = source.stature_m or track_stature(track)
     write_motion(
         place,
         folder,
         position=track,
-        filled=np.zeros(track.shape[:2], np.bool_),
+        filled=filled,
         rate_hz=source.fps,
         attributes={
             "source": {"kind": "capture", "name": source.folder.name},

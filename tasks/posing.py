@@ -30,7 +30,7 @@ from tasks.geometry.label_regions import voxel_neighbors
 from tasks.geometry.skin import SkinModel, SurfaceFrame, is_skin
 from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
-from tasks.joint_tracks import track_stature
+from tasks.joint_tracks import JointTrackSettings, move_to_ends, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
 from tasks.pose_fitting import PoseSettings, fit_poses, label_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally, track_skin
@@ -51,6 +51,7 @@ class PosingSettings:
     joint: PoseSettings = field(default_factory=PoseSettings)
     paper: PaperFitSettings = field(default_factory=PaperFitSettings)
     provisional: ProvisionalSettings = field(default_factory=ProvisionalSettings)
+    ends: JointTrackSettings = field(default_factory=JointTrackSettings)
 
 
 Refs = list[dict[str, Any]]
@@ -150,7 +151,7 @@ def label_block(
     archive: str, capture: str, digest: str, hulls: Refs, colors: Refs, initial: dict[str, Any],
     fitted: dict[str, Any], into: str, start: int, end: int, settings: PosingSettings,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write provisional and final labels of the frames from `start` to before `end` as a block.
+    """Write labels and joints of the frames from `start` to before `end` as a block.
 
     Parameters
     ----------
@@ -162,7 +163,8 @@ def label_block(
     Returns
     -------
     dict
-        As `storage.blocks.write_block`; the arrays are `provisional_label` and `label` (voxel,).
+        As `storage.blocks.write_block`; the arrays are `provisional_label` and `label` (voxel,),
+        and `joint` (time, 21, 3), m, with the finger tips where the voxels end.
     """
     begun = time.monotonic()
     source = read_capture(Path(capture))
@@ -184,7 +186,15 @@ def label_block(
         )  # fmt: skip
 
     own = range(start, end)
+    stature_m = source.stature_m or track_stature(fit["joint"])
+
+    def ends(frame: int) -> NDArray[np.float64]:
+        center = voxel_centers(frames.grid, frames.index(frame))
+        joints, label = fit["joint"][frame], final[frame]
+        return move_to_ends(joints, center, label, settings.ends, stature_m=stature_m)
+
     arrays = {
+        "joint": np.stack([ends(frame) for frame in own]),
         "provisional_label": np.concatenate(side_by_side(provisional, own)),
         "label": np.concatenate([final[frame] for frame in own]),
     }

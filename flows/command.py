@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flows import printing
+from flows.view_commands import add_render_options, export_voxels_or_segment, render
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
@@ -135,12 +136,16 @@ def _add_search(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
-    text = "write a take's joints as TRC, C3D, BVH or CSV, by the suffix of FILE"
+    text = "write joints (TRC, C3D, BVH, CSV) or voxels (PLY) of a take, by the suffix of FILE"
     export = _command(commands, "export", _export, text)
     export.add_argument("archive", metavar="ARCHIVE")
     export.add_argument("take", metavar="TAKE")
     export.add_argument("file", metavar="FILE")
     export.add_argument("--frames", metavar="START-END", help="only these frames, inclusive")
+    export.add_argument("--mesh", action="store_true", help="PLY: a closed surface, not points")
+    export.add_argument("--segment", metavar="NAME", help="one segment: voxels (PLY), motion (CSV)")
+    text = "write a view of a take's voxels from where no camera stood: a still or a film"
+    add_render_options(_command(commands, "render", _render, text))
 
 
 def _add_upkeep(commands: Any) -> None:
@@ -240,8 +245,29 @@ def _export(options: argparse.Namespace) -> int:
     from tasks.exporting import export_take
 
     clip = parse_frames(options.frames) if options.frames else None
+    try:
+        notes = export_voxels_or_segment(options, clip)
+    except (InputError, ArchiveError):
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    if notes is not None:
+        for note in notes:
+            printing.say(note)
+        return DONE
     for note in export_take(options.archive, options.take, options.file, clip=clip):
         printing.say(note)
+    return DONE
+
+
+def _render(options: argparse.Namespace) -> int:
+    clip = parse_frames(options.frames) if options.frames else None
+    try:
+        render(options, clip)
+    except (InputError, ArchiveError):
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     return DONE
 
 

@@ -1,0 +1,98 @@
+"""The sub-commands that show voxels: `render`, and `export` of voxels and segments."""
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from flows import printing
+
+
+def add_render_options(command: argparse.ArgumentParser) -> None:
+    """Add what `shosa render` understands."""
+    command.add_argument("archive", metavar="ARCHIVE")
+    command.add_argument("take", metavar="TAKE")
+    command.add_argument("file", metavar="FILE", help=".png, or .mp4 (MPEG-4 part 2)")
+    command.add_argument("--frame", type=int, metavar="N", help="of a still; default the middle")
+    command.add_argument("--frames", metavar="START-END", help="of a film; default the whole take")
+    command.add_argument(
+        "--azimuth", type=float, default=30.0, metavar="DEGREES",
+        help="from where: 0 from +Z, 90 from +X (default 30)",
+    )  # fmt: skip
+    command.add_argument(
+        "--elevation", type=float, default=12.0, metavar="DEGREES", help="above the horizon"
+    )
+    command.add_argument(
+        "--orbit", type=float, default=0.0, metavar="TURNS", help="times around, over a film"
+    )
+    command.add_argument("--camera", metavar="NAME", help="look from this camera of the capture")
+    command.add_argument("--size", default="960x720", metavar="WxH")
+    command.add_argument("--color", choices=("video", "segments"), default="video")
+
+
+def render(options: argparse.Namespace, clip: tuple[int, int] | None) -> None:
+    """Run `shosa render`; `clip` is what `--frames` says.
+
+    Raises
+    ------
+    ValueError
+        If options have values that mean nothing.
+    """
+    from tasks.view_rendering import CameraPath, render_take
+
+    found = re.fullmatch(r"(\d+)x(\d+)", options.size)
+    if not found or not (16 <= int(found[1]) <= 8192 and 16 <= int(found[2]) <= 8192):
+        raise ValueError(f"--size {options.size} should be WxH, such as 960x720")
+    if not all(map(math.isfinite, (options.azimuth, options.elevation, options.orbit))):
+        raise ValueError("--azimuth, --elevation and --orbit should be numbers")
+    if options.frame is not None and options.frame < 0:
+        raise ValueError(f"--frame {options.frame} should be 0 or more")
+    frames = (options.frame, options.frame) if options.frame is not None else clip
+    path = CameraPath(
+        math.radians(options.azimuth), math.radians(options.elevation), options.orbit,
+        options.camera,
+    )  # fmt: skip
+    said = render_take(
+        options.archive, options.take, options.file, frames=frames, path=path,
+        size=(int(found[1]), int(found[2])), color=options.color, tell=_progress(),
+    )  # fmt: skip
+    printing.say(said)
+
+
+def export_voxels_or_segment(
+    options: argparse.Namespace, clip: tuple[int, int] | None
+) -> list[str] | None:
+    """Export voxels or a segment where the options ask for it; return what was written."""
+    from tasks.voxel_exporting import export_segment_motion, export_voxels
+
+    suffix = Path(options.file).suffix.lower()
+    if suffix == ".ply":
+        if clip and clip[0] != clip[1]:
+            raise ValueError(f"a PLY file holds one frame: --frames {clip[0]}-{clip[0]}")
+        return export_voxels(
+            options.archive, options.take, options.file,
+            frame=clip[0] if clip else None, mesh=options.mesh, segment=options.segment,
+        )  # fmt: skip
+    if options.mesh:
+        raise ValueError("--mesh is for PLY files; give FILE the suffix .ply")
+    if options.segment is None:
+        return None
+    if suffix != ".csv":
+        raise ValueError("a segment is written as .ply (its voxels) or .csv (its motion)")
+    return export_segment_motion(
+        options.archive, options.take, options.file, options.segment, clip=clip
+    )
+
+
+def _progress() -> Callable[[int, int], None]:
+    """Return what shows how far a film is, on a terminal."""
+    if not sys.stderr.isatty():
+        return lambda done, total: None
+
+    def tell(done: int, total: int) -> None:
+        sys.stderr.write(f"\r{done}/{total} frames" + "\n" * (done == total))
+        sys.stderr.flush()
+
+    return tell

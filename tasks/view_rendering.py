@@ -95,8 +95,8 @@ def render_take(
         raise InputError(f"take {take!r} has no labels; its pose was not fitted: show the video")
     if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise InputError(f"a film of {size[0]}x{size[1]} needs an even number of columns and rows")
-    middle, distance_m = _view_of_all(opened, size)
     chosen = range(first, first + 1) if suffix == ".png" else range(first, last + 1)
+    middle, distance_m = _view_of_all(opened, chosen, size)
     cameras = {}
     for frame in chosen:
         turned = path.azimuth + 2 * math.pi * path.turns * (frame - first) / len(chosen)
@@ -143,9 +143,11 @@ def _drawn(
             tell(len(frames) - len(ahead), len(frames))
 
 
-def _view_of_all(take: Take, size: tuple[int, int]) -> tuple[NDArray[np.float64], float]:
-    """Return the middle of what a take occupies, m, and how far off all of it is seen."""
-    chosen = np.unique(np.linspace(0, take.record.frames - 1, _LOOKED_AT).round().astype(int))
+def _view_of_all(
+    take: Take, frames: range, size: tuple[int, int]
+) -> tuple[NDArray[np.float64], float]:
+    """Return the middle of what is occupied in some frames, m, and how far off it is all seen."""
+    chosen = np.unique(np.linspace(frames[0], frames[-1], _LOOKED_AT).round().astype(int))
     bounds = [
         (center.min(axis=0), center.max(axis=0))
         for frame in chosen

@@ -1,0 +1,168 @@
+"""Gaussian blobs that ride on bones, and how voxels share themselves out among them.
+
+The paper gives each segment one ellipsoid (digitization paper, 3.3); here a bone has several,
+found by k-means in its voxels of the initial frame, so that a bent or tapering part keeps its
+shape. Voxels are shared out softly (Dempster, Laird and Rubin 1977), with a uniform class for
+what is nobody's: cloth, and what no camera could carve away. Each blob's share of the voxels
+is that of the initial frame, which is the paper's constraint on volumes.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_FARTHEST = 18.0  # squared Mahalanobis distance beyond which a blob weighs nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Blobs:
+    """Gaussian blobs on bones, in the initial pose."""
+
+    bone: NDArray[np.int64]
+    """(blob,) the bone that each rides on."""
+
+    offset: Floats
+    """(blob, 3) mean, m, from the bone's proximal joint."""
+
+    whitening: Floats
+    """(blob, 3, 3) W of the squared Mahalanobis distance |W d|**2."""
+
+    share: Floats
+    """(blob,) share of the voxels; they sum to 1."""
+
+    @property
+    def density(self) -> Floats:
+        """(blob,) share of the voxels per m**3 in a blob's middle, but for a common factor."""
+        return self.share * np.abs(np.linalg.det(self.whitening))
+
+    @property
+    def reach(self) -> Floats:
+        """(blob,) square of the distance, m**2, beyond which a blob weighs nothing."""
+        least = np.linalg.svd(self.whitening, compute_uv=False).min(1)
+        return _FARTHEST / least**2
+
+
+def split(points: Floats, parts: int, rounds: int = 20) -> NDArray[np.int64]:
+    """Return (point,) the part of each point: k-means from mutually far starts, no chance."""
+    centers = [points[np.argmin(((points - points.mean(0)) ** 2).sum(1))]]
+    distance = ((points - centers[0]) ** 2).sum(1)
+    for _ in range(parts - 1):
+        centers.append(points[distance.argmax()])
+        distance = np.minimum(distance, ((points - centers[-1]) ** 2).sum(1))
+    middle = np.stack(centers)
+    part = np.zeros(len(points), np.int64)
+    for _ in range(rounds):
+        part = ((points[:, None] - middle) ** 2).sum(2).argmin(1)
+        middle = np.stack(
+            [points[part == k].mean(0) if (part == k).any() else middle[k] for k in range(parts)]
+        )
+    return part
+
+
+def make_blobs(
+    points: Floats,
+    bone: NDArray[np.integer],
+    origin: Floats,
+    number: NDArray[np.integer],
+    *,
+    softness_m: float,
+    most_points: int = 3000,
+) -> Blobs:
+    """Return the blobs of voxels whose bones are known.
+
+    Parameters
+    ----------
+    points : (voxel, 3) float64
+        Centers, m.
+    bone : (voxel,) int
+        The bone of each, -1 for none.
+    origin : (bone, 3) float64
+        Proximal joints, m.
+    number : (bone,) int
+        How many blobs a bone has, if it has voxels enough.
+    softness_m
+        Standard deviation added to every blob.
+    most_points
+        A bone's voxels are thinned to this number.
+    """
+    found: list[tuple[int, Floats, Floats, float]] = []
+    for k in range(len(origin)):
+        mine = points[bone == k]
+        if len(mine) < 8:
+            continue
+        some = mine[:: max(1, len(mine) // most_points)]
+        part = split(some, int(min(number[k], max(1, len(some) // 20))))
+        for b in range(int(part.max()) + 1):
+            of_part = some[part == b]
+            if len(of_part) < 4:
+                continue
+            spread = np.cov(of_part.T) + np.eye(3) * softness_m**2
+            whitening = np.linalg.cholesky(np.linalg.inv(spread)).T
+            share = len(of_part) / len(some) * len(mine)
+            middle = np.asarray(of_part.mean(0) - origin[k], np.float64)
+            found.append((k, middle, np.asarray(whitening, np.float64), share))
+    share = np.array([f[3] for f in found])
+    return Blobs(
+        np.array([f[0] for f in found]),
+        np.stack([f[1] for f in found]),
+        np.stack([f[2] for f in found]),
+        share / share.sum(),
+    )
+
+
+def place_blobs(blobs: Blobs, joints: Floats, rotation: Floats) -> tuple[Floats, Floats]:
+    """Return (blob, 3) means and (blob, 3, 3) whitenings in the world, for a pose."""
+    turned = rotation[blobs.bone]
+    mean = joints[blobs.bone] + np.einsum("bij,bj->bi", turned, blobs.offset)
+    return mean, np.einsum("bij,bkj->bik", blobs.whitening, turned)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def share_out(points: Any, blobs: Any, reach: Any, factor: Any, nobody: float, sums: Any) -> float:
+    """Share voxels out among blobs; return the mean log likelihood of a voxel.
+
+    points : (voxel, 3)
+    blobs : mean (blob, 3) and whitening (blob, 3, 3) of `place_blobs`
+    reach : (blob,) square of the distance beyond which a voxel is none of the blob's
+    factor : (blob,) what a voxel in the blob's middle weighs
+    nobody : what the uniform class weighs
+    sums : (blob, 4) written: sum of the shares, and of shares times places
+    """
+    mean, whitening = blobs
+    count = mean.shape[0]
+    sums[:] = 0.0
+    weight = np.empty(count)
+    total = 0.0
+    near = np.empty(count, np.int64)
+    for i in range(points.shape[0]):
+        all_weights = nobody
+        found = 0
+        for b in range(count):
+            x = points[i, 0] - mean[b, 0]
+            y = points[i, 1] - mean[b, 1]
+            z = points[i, 2] - mean[b, 2]
+            if x * x + y * y + z * z > reach[b]:
+                continue
+            u = whitening[b, 0, 0] * x + whitening[b, 0, 1] * y + whitening[b, 0, 2] * z
+            v = whitening[b, 1, 0] * x + whitening[b, 1, 1] * y + whitening[b, 1, 2] * z
+            w = whitening[b, 2, 0] * x + whitening[b, 2, 1] * y + whitening[b, 2, 2] * z
+            squared = u * u + v * v + w * w
+            if squared < _FARTHEST:
+                weight[found] = factor[b] * np.exp(-0.5 * squared)
+                all_weights += weight[found]
+                near[found] = b
+                found += 1
+        for n in range(found):
+            share = weight[n] / all_weights
+            b = near[n]
+            sums[b, 0] += share
+            sums[b, 1] += share * points[i, 0]
+            sums[b, 2] += share * points[i, 1]
+            sums[b, 3] += share * points[i, 2]
+        total += np.log(all_weights)
+    return total / max(points.shape[0], 1)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flows import printing
-from flows.view_commands import add_render_options, export_voxels_or_segment, render
+from flows.view_commands import add_render_options, export_voxels_or_segment, plan, render
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
@@ -146,6 +146,12 @@ def _add_export(commands: Any) -> None:
     export.add_argument("--segment", metavar="NAME", help="one segment: voxels (PLY), motion (CSV)")
     text = "write a view of a take's voxels from where no camera stood: a still or a film"
     add_render_options(_command(commands, "render", _render, text))
+    text = "say what a layout of cameras would see, before they are hung"
+    plan_layout = _command(commands, "plan", _plan, text)
+    plan_layout.add_argument(
+        "cameras", metavar="CAMERAS.toml", help="positions by hand, or any calibration"
+    )
+    plan_layout.add_argument("--json", action="store_true")
 
 
 def _add_upkeep(commands: Any) -> None:
@@ -268,6 +274,11 @@ def _render(options: argparse.Namespace) -> int:
         raise
     except ValueError as error:
         raise UsageError(str(error)) from error
+    return DONE
+
+
+def _plan(options: argparse.Namespace) -> int:
+    plan(options)
     return DONE
 
 

@@ -1,4 +1,4 @@
-"""The sub-commands that show voxels: `render`, and `export` of voxels and segments."""
+"""The sub-commands that show voxels, and `plan`, which shows where they can be."""
 
 import argparse
 import math
@@ -84,6 +84,41 @@ def export_voxels_or_segment(
     return export_segment_motion(
         options.archive, options.take, options.file, options.segment, clip=clip
     )
+
+
+def plan(options: argparse.Namespace) -> None:
+    """Run `shosa plan`.
+
+    Raises
+    ------
+    InputError
+        If it is no plan, or has too few cameras.
+    """
+    from storage.errors import InputError
+    from storage.formats.camera_plan import read_camera_plan
+    from tasks.planning import judge_layout, report_layout
+
+    cameras, volume, notes = read_camera_plan(Path(options.cameras))
+    if len(cameras) < 3:
+        raise InputError(f"{options.cameras} has {len(cameras)} cameras; a hull needs 3 or more")
+    report = judge_layout(cameras, volume)
+    for note in notes:
+        printing.say(note)
+    if options.json:
+        printing.print_json(
+            {
+                "cameras": list(report.names),
+                "seen_by": report.seen_by.tolist(),
+                "share": report.share.tolist(),
+                "pixel_mm": [None if math.isnan(p) else 1000 * p for p in report.pixel_m],
+                "excess": report.excess.tolist(),
+                "excess_without": [None if math.isnan(e) else e for e in report.excess_without],
+                "lost": report.lost.tolist(),
+            }
+        )
+        return
+    for line in report_layout(report):
+        printing.print_line(line)
 
 
 def _progress() -> Callable[[int, int], None]:

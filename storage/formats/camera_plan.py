@@ -1,0 +1,130 @@
+"""Read where cameras are to hang: a calibration, or a few lines written by hand.
+
+[volume]                       # optional
+center_m = [0.0, 1.0, 0.0]
+size_m = [2.0, 2.0, 2.0]
+
+[[camera]]
+position_m = [4.2, 1.5, 0.0]   # y up
+look_at_m = [0.0, 1.0, 0.0]
+field_of_view_deg = 50.0       # of the image's width
+size_px = [1280, 720]          # columns, rows
+"""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from storage.errors import InputError
+from storage.formats.calibration import read_calibration
+from storage.formats.camera import Camera
+from storage.formats.capture_toml import Volume
+
+USUAL_VOLUME = Volume((0.0, 1.0, 0.0), (2.0, 2.0, 2.0), 0.01)
+
+_WANTED = {
+    "position_m": 3,
+    "look_at_m": 3,
+    "field_of_view_deg": 1,
+    "size_px": 2,
+}
+
+
+def read_camera_plan(path: Path) -> tuple[list[Camera], Volume, list[str]]:
+    """Return cameras, the volume that they are to see, and what had to be assumed.
+
+    Parameters
+    ----------
+    path
+        A TOML file with tables `camera`, or any calibration that a capture may have.
+
+    Raises
+    ------
+    InputError
+        If it is neither; every fault of the tables at once.
+    """
+    tables = _tables(path)
+    faults: list[str] = []
+    volume = _volume(tables.get("volume"), faults)
+    if isinstance(tables.get("camera"), list):
+        cameras = [_camera(table, n, faults) for n, table in enumerate(tables["camera"], start=1)]
+        if faults:
+            raise InputError("\n".join([f"{path} is no plan:", *(f"- {each}" for each in faults)]))
+        return [camera for camera in cameras if camera], volume, []
+    if faults:
+        raise InputError(f"{path} is no plan: {'; '.join(faults)}")
+    cameras, notes = read_calibration(path, center_m=volume.center_m)
+    unsized = [camera.name for camera in cameras if camera.size is None]
+    if unsized:
+        raise InputError(f"{path} gives no image size for {', '.join(unsized)}; add it to plan")
+    return cameras, volume, notes
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file; none for another file."""
+    if path.suffix.lower() != ".toml":
+        return {}
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not TOML: {error}") from error
+
+
+def _volume(table: Any, faults: list[str]) -> Volume:
+    """Return the volume of a plan."""
+    if table is None:
+        return USUAL_VOLUME
+    center, size = (_numbers(table, key, 3) for key in ("center_m", "size_m"))
+    if center is None or size is None or min(size) <= 0:
+        faults.append("[volume] needs center_m and size_m, three numbers of metres each")
+        return USUAL_VOLUME
+    return Volume((center[0], center[1], center[2]), (size[0], size[1], size[2]), 0.01)
+
+
+def _camera(table: Any, number: int, faults: list[str]) -> Camera | None:
+    """Return a camera that is described by hand."""
+    name = str(table.get("name", f"cam{number}")) if isinstance(table, dict) else f"cam{number}"
+    found = {key: _numbers(table, key, count) for key, count in _WANTED.items()}
+    missing = [key for key, value in found.items() if value is None]
+    if missing:
+        wanted = ", ".join(f"{key} ({_WANTED[key]} numbers)" for key in missing)
+        faults.append(f"camera {name!r} needs {wanted}")
+        return None
+    position, target = np.array(found["position_m"]), np.array(found["look_at_m"])
+    angle, size = found["field_of_view_deg"], found["size_px"]
+    assert angle is not None
+    assert size is not None
+    ahead = target - position
+    if not np.linalg.norm(ahead) > 0 or not 1 <= angle[0] <= 170 or min(size) < 16:
+        faults.append(
+            f"camera {name!r} should look at another point than its own, with 1 to 170 degrees "
+            "and 16 pixels or more"
+        )
+        return None
+    ahead = ahead / np.linalg.norm(ahead)
+    upright = np.array([0.0, 1.0, 0.0]) if abs(ahead[1]) < 0.999 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(ahead, upright)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
+    columns, rows = (round(value) for value in size)
+    focal = columns / 2 / math.tan(math.radians(angle[0]) / 2)
+    inner = np.array(
+        [[focal, 0.0, (columns - 1) / 2], [0.0, focal, (rows - 1) / 2], [0.0, 0.0, 1.0]]
+    )
+    return Camera(name, (columns, rows), inner, np.zeros(0), rotation, -rotation @ position)
+
+
+def _numbers(table: Any, key: str, count: int) -> list[float] | None:
+    """Return `count` finite numbers of a table, or None."""
+    value = table.get(key) if isinstance(table, dict) else None
+    values = [
+        float(v)
+        for v in (value if isinstance(value, list) else [value])
+        if isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
+    ]
+    return values if len(values) == count else None

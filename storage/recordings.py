@@ -120,7 +120,7 @@ def _plan_capture(
     if digest in digests:
         return Recording(str(folder), digest, "", {}, None, "capture")
     known = _take_of_content(archive, digest)
-    take = known if known and known not in claimed else said.take
+    take = known if known and known not in claimed else take_name(said.take)
     record = read_record(archive.place, take)
     if take in claimed or (record and not _made_from(record, folder, digest)):
         holder = claimed.get(take) or (record.source["path"] if record else "another run")

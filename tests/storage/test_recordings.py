@@ -1,15 +1,24 @@
 """Tests of storage.recordings: which file becomes which take."""
 
 import dataclasses
+import shutil
 
 import pytest
 
 from storage import create_archive
 from storage.errors import InputError
 from storage.publication import publish_record
-from storage.recordings import find_recordings, plan_takes, read_metadata, remember_source
+from storage.recordings import (
+    digest_capture,
+    find_recordings,
+    plan_takes,
+    read_metadata,
+    remember_source,
+)
 
 from .takes import write_version
+
+VOLUME = "[volume]\ncenter_m = [0, 1, 0]\nsize_m = [2, 2, 2]\nvoxel_m = 0.01\n"
 
 
 @pytest.fixture
@@ -44,14 +53,32 @@ def names(plan):
     return [recording.take for recording in plan.recordings]
 
 
-def test_every_motion_file_below_a_folder_is_found(inbox):
-    files, notes = find_recordings([inbox])
-    assert [file.relative_to(inbox).as_posix() for file in files] == [
+@pytest.fixture
+def capture(inbox):
+    """A capture, as far as planning looks: nothing of its films is opened."""
+    return write_capture(inbox / "day3" / "Kimono 7")
+
+
+def write_capture(folder, take="", film="film"):
+    (folder / "videos").mkdir(parents=True)
+    (folder / "capture.toml").write_text(f"[take]\n{take}\n{VOLUME}")
+    (folder / "videos/a.mp4").write_text(film)
+    (folder / "videos/a.bvh").write_text("no take of its own")
+    return folder
+
+
+def test_every_motion_file_and_capture_below_a_folder_is_found(inbox, capture):
+    hidden = inbox / ".cache"
+    hidden.mkdir()
+    (hidden / "walk.bvh").touch()
+    (inbox / "._walk.bvh").touch()
+    assert [path.relative_to(inbox).as_posix() for path in find_recordings([inbox])] == [
         "day1/Okuri 48.C3D",
         "day1/walk.bvh",
         "day2/walk.bvh",
+        "day3/Kimono 7",
     ]
-    assert notes == []
+    assert find_recordings([capture, inbox / "day3", capture]) == [capture]
 
 
 def test_what_cannot_be_ingested_is_said_all_at_once(inbox, tmp_path):
@@ -59,19 +86,90 @@ def test_what_cannot_be_ingested_is_said_all_at_once(inbox, tmp_path):
     paths = [inbox / "none.bvh", inbox / "day1/readme.txt", tmp_path / "empty"]
     with pytest.raises(InputError) as caught:
         find_recordings(paths)
-    for words in ("none.bvh is not there", "readme.txt is no motion file", "empty holds no motion"):
+    for words in (
+        "none.bvh is not there",
+        "readme.txt is neither a motion file (.c3d, .trc, .bvh) nor a capture",
+        "empty holds neither a motion file (.c3d, .trc, .bvh) nor a capture",
+    ):
         assert words in str(caught.value)
 
 
-def test_a_capture_is_passed_over_with_a_word(inbox):
-    (inbox / "day3/videos").mkdir(parents=True)
-    (inbox / "day3/capture.toml").touch()
-    (inbox / "day3/videos/a.bvh").touch()
-    files, [note] = find_recordings([inbox])
-    assert len(files) == 3
-    assert "day3 is a capture" in note
-    with pytest.raises(InputError, match=r"nothing to ingest: .*day3 is a capture"):
-        find_recordings([inbox / "day3"])
+def test_a_capture_is_called_by_its_id_or_by_its_folder(archive, inbox, capture):
+    write_capture(inbox / "day4", 'id = "Okuri 49"\nperformer = "TK"\nstature_m = 1.58', "other")
+    by_folder, by_id = plan(archive, capture, inbox / "day4").recordings
+    assert (by_folder.take, by_folder.kind, by_folder.path) == ("kimono-7", "capture", str(capture))
+    assert by_id.take == "okuri-49"
+    assert by_id.metadata == {"performer": "TK"}
+    assert by_id.stature_m == 1.58
+
+
+def test_a_copy_of_a_capture_is_passed_over_with_a_word(archive, inbox, capture):
+    shutil.copytree(capture, inbox / "day4")
+    planned = plan(archive, inbox)
+    assert names(planned).count("kimono-7") == 1
+    [note] = planned.notes
+    assert note == f"{inbox / 'day4'} is the same, byte for byte, as {capture}"
+
+
+def test_two_captures_of_one_name_are_not_one_take(archive, inbox, capture):
+    other = write_capture(inbox / "day4" / "kimono_7", 'id = "Kimono 7"', "another dance")
+    planned = plan(archive, capture, other)
+    assert names(planned) == ["kimono-7"]
+    [refusal] = planned.refusals
+    assert refusal.path == str(other)
+    assert f"the name 'kimono-7' is already the take of {capture}" in refusal.reason
+    assert 'by id = "..." under [take] in capture.toml' in refusal.reason
+
+
+def test_a_capture_never_replaces_the_take_of_a_file(archive, inbox, capture):
+    (inbox / "kimono 7.bvh").write_text("measured by markers")
+    [of_file] = plan(archive, inbox / "kimono 7.bvh").recordings
+    take_in(archive, of_file)
+    [refusal] = plan(archive, capture).refusals
+    assert f"is already the take of {of_file.path}" in refusal.reason
+
+
+def test_a_capture_stays_its_take_when_changed_or_moved(archive, inbox, capture):
+    [before] = plan(archive, capture).recordings
+    take_in(archive, before)
+    assert plan(archive, capture).recordings == [before]
+    capture.rename(inbox / "moved")
+    [moved] = plan(archive, inbox / "moved").recordings
+    assert (moved.take, moved.digest) == ("kimono-7", before.digest)
+    (inbox / "moved").rename(capture)
+    (capture / "videos/a.mp4").write_text("filmed again")
+    [changed] = plan(archive, capture).recordings
+    assert changed.take == "kimono-7"
+    assert changed.digest != before.digest
+
+
+def test_the_digest_of_a_capture_is_that_of_names_and_contents(capture):
+    before = digest_capture(capture)
+    (capture / ".thumbnails").mkdir()
+    (capture / ".thumbnails/a.png").write_text("made by a file manager")
+    assert digest_capture(capture) == before
+    (capture / "videos/a.mp4").rename(capture / "videos/b.mp4")
+    assert digest_capture(capture) != before
+    (capture / "videos/b.mp4").rename(capture / "videos/a.mp4")
+    assert digest_capture(capture) == before
+    (capture / "videos/a.mp4").write_text("film 2")
+    assert digest_capture(capture) != before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("[take", "TOML"), ("[take]\nid = '..'", "makes no name")],
+)
+def test_a_capture_whose_toml_cannot_be_used_is_refused_alone(
+    archive, inbox, capture, text, message
+):
+    (capture / "capture.toml").write_text(text)
+    planned = plan(archive, inbox)
+    assert len(planned.recordings) == 3
+    [refusal] = planned.refusals
+    assert refusal.path == str(capture)
+    assert message in refusal.reason
+    assert str(capture) in refusal.reason
 
 
 def test_files_of_one_name_get_the_name_of_their_folder_too(archive, inbox):

@@ -1,0 +1,107 @@
+"""Tests of storage.blocks: what a stage made of some frames, between two tasks."""
+
+import time
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from storage import create_archive
+from storage.blocks import block_path, discard_blocks, has_block, read_block, write_block
+from storage.errors import ArchiveError
+from storage.places import list_files, read_file
+from storage.publication import collect_garbage
+
+DIGEST = "abcdef0123456789" * 4
+
+
+@pytest.fixture
+def place(tmp_path):
+    return create_archive(tmp_path / "archive").place
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(5)
+    return {
+        "flags": rng.random(11) < 0.5,
+        "color": rng.integers(0, 256, (7, 3), np.uint8),
+        "offset": np.array([0, 3, 3, 7]),
+        "none": np.zeros((0, 3), np.uint8),
+    }
+
+
+def write(place, arrays, *, stage="carving", start=5, digest=DIGEST, take="okuri48"):
+    path = block_path(take, digest, stage, start)
+    return write_block(place, path, (start, start + 3), arrays, time.monotonic())
+
+
+def test_a_block_gives_back_every_array_bit_for_bit(place, arrays):
+    block = write(place, arrays)
+    found = read_block(place, block)
+    assert found.keys() == arrays.keys()
+    for name, values in arrays.items():
+        assert found[name].dtype == values.dtype
+        np.testing.assert_array_equal(found[name], values)
+    assert (block["start"], block["end"]) == (5, 8)
+    assert block["path"].startswith("work/okuri48/")
+    assert has_block(place, block)
+
+
+def test_seconds_are_those_since_the_stage_began(place, arrays):
+    path = block_path("okuri48", DIGEST, "carving", 0)
+    assert 7.0 <= write_block(place, path, (0, 3), arrays, time.monotonic() - 7.0)["seconds"] < 9.0
+
+
+def test_equal_arrays_give_equal_digests_in_whatever_order_they_come(place, arrays):
+    first = write(place, arrays)
+    again = write(place, dict(reversed(arrays.items())))
+    assert again["sha256"] == first["sha256"]
+    arrays["color"][6, 2] ^= 1
+    assert write(place, arrays)["sha256"] != first["sha256"]
+
+
+@pytest.mark.parametrize("fault", ["flipped", "cut", "empty", "gone"])
+def test_a_damaged_block_is_never_read(place, arrays, fault):
+    block = write(place, arrays)
+    path = place.folder / block["path"]
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    if fault == "gone":
+        path.unlink()
+    else:
+        path.write_bytes({"flipped": content, "cut": content[:-1], "empty": b""}[fault])
+    assert not has_block(place, block)
+    with pytest.raises(ArchiveError, match=r"carving-00000005\.npz\.zst was changed or removed"):
+        read_block(place, block)
+
+
+def test_blocks_of_one_capture_go_and_those_of_others_stay(place, arrays):
+    write(place, arrays)
+    write(place, arrays, stage="coloring")
+    others = [write(place, arrays, digest="f" * 64), write(place, arrays, take="okuri48-b")]
+    discard_blocks(place, "okuri48", DIGEST)
+    assert {file.path for file in list_files(place, "work")} == {each["path"] for each in others}
+    discard_blocks(place, "okuri48", "f" * 64)
+    assert not (place.folder / "work/okuri48").exists()
+    discard_blocks(place, "never", DIGEST)
+
+
+def test_blocks_that_nobody_goes_on_with_are_garbage_when_they_are_old(place, arrays):
+    block = write(place, arrays)
+    assert collect_garbage(place, older_than=timedelta(hours=1)) == []
+    [removed] = collect_garbage(place, older_than=timedelta(0))
+    assert removed.path == block["path"]
+    assert list_files(place, "work") == []
+
+
+@pytest.mark.slow
+def test_blocks_live_in_an_object_store_too(object_store, arrays):
+    place = create_archive(object_store).place
+    block, other = write(place, arrays), write(place, arrays, take="okuri48-b")
+    np.testing.assert_array_equal(read_block(place, block)["color"], arrays["color"])
+    discard_blocks(place, "okuri48", DIGEST)
+    assert not has_block(place, block)
+    assert has_block(place, other)
+    with pytest.raises(FileNotFoundError):
+        read_file(place, block["path"])

@@ -15,7 +15,8 @@ from tasks.geometry.label_regions import clean_labels
 
 __all__ = ["clean_labels", "label_frame", "nearest_segments"]
 
-_BLOCK = 2048  # voxels: what a blob after the other reads and writes stays in the nearest cache
+_LESS = np.float32(1 - 1e-4)  # bounds hold in spite of rounding
+_BLOCK = 64  # voxels in order: they lie together, so that few blobs are near all of them
 
 
 def nearest_segments(
@@ -105,13 +106,23 @@ def label_frame(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _label(voxels: Any, mean: Any, whitening: Any, value: Any, label: Any) -> None:
-    """Write the value of the blob that each voxel is nearest to."""
+    """Write the value of the blob that each voxel is nearest to.
+
+    A blob that is farther from the box around some voxels than another blob is at most from any
+    of them is none of theirs.
+    """
     x, y, z = voxels[0], voxels[1], voxels[2]
     least = np.empty(_BLOCK, np.float32)
+    lower = np.empty(len(mean), np.float32)
     for begin in range(0, len(x), _BLOCK):
         end = min(begin + _BLOCK, len(x))
         least[:] = np.float32(np.inf)
+        low = (x[begin:end].min(), y[begin:end].min(), z[begin:end].min())
+        high = (x[begin:end].max(), y[begin:end].max(), z[begin:end].max())
+        most = _bound(low, high, mean, whitening, lower)
         for blob in range(len(mean)):
+            if lower[blob] > most:
+                continue
             w, m = whitening[blob], mean[blob]
             a, b, c, d, e, f = w[0, 0], w[0, 1], w[0, 2], w[1, 1], w[1, 2], w[2, 2]
             mx, my, mz, own = m[0], m[1], m[2], value[blob]
@@ -122,3 +133,23 @@ def _label(voxels: Any, mean: Any, whitening: Any, value: Any, label: Any) -> No
                 nearer = distance < least[n - begin]
                 least[n - begin] = distance if nearer else least[n - begin]
                 label[n] = own if nearer else label[n]
+
+
+@njit(cache=True, nogil=True)
+def _bound(low: Any, high: Any, mean: Any, whitening: Any, lower: Any) -> Any:
+    """Write the least distance of a box from each blob; return the largest from the nearest."""
+    most = np.float32(np.inf)
+    h = ((high[0] - low[0]) / 2, (high[1] - low[1]) / 2, (high[2] - low[2]) / 2)
+    for blob in range(len(mean)):
+        w, m = whitening[blob], mean[blob]
+        nearest, farthest = np.float32(0.0), np.float32(0.0)
+        for i in range(3):
+            middle, reach = np.float32(0.0), np.float32(0.0)
+            for j in range(i, 3):
+                middle += w[i, j] * ((low[j] + high[j]) / 2 - m[j])
+                reach += abs(w[i, j]) * h[j]
+            nearest += max(np.float32(0.0), abs(middle) - reach) ** 2
+            farthest += (abs(middle) + reach) ** 2
+        lower[blob] = nearest * _LESS
+        most = min(most, farthest / _LESS)
+    return most

@@ -50,7 +50,11 @@ class PosingSettings:
     """How the pose is fitted: all segments at once, or from the head outwards as in the paper."""
     joint: PoseSettings = field(default_factory=PoseSettings)
     paper: PaperFitSettings = field(default_factory=PaperFitSettings)
-    provisional: ProvisionalSettings = field(default_factory=ProvisionalSettings)
+    provisional: ProvisionalSettings = field(
+        default_factory=lambda: ProvisionalSettings(most_rings=20)
+    )
+    """With few rings: under cloth the more there are the more labels are wrong (of a kimono 4 %
+    after none, 8 % after 20, 18 % after 100). `paper` takes its own number."""
     ends: JointTrackSettings = field(default_factory=JointTrackSettings)
 
 
@@ -278,16 +282,17 @@ def _fit_as_paper(
     body = measure_body(center, start["label"], start["position"])
     stature_m = source.stature_m or track_stature(start["position"][None])
     fit = {"seen": seen.position, "skin_hand": seen.model.hand, "skin_face": seen.model.face}
+    rule = ProvisionalSettings()
     pose, label, previous = (body.position, body.rotation), start["label"], initial_frame
     found = [(*pose, np.ones(11))]
     means, inverses = [], []
     for frame in range(len(frames)):
         index = frames.index(frame)
         if frame > initial_frame and len(index):
-            skin = _skin_labels(frames, frame, fit, settings.provisional, source)
+            skin = _skin_labels(frames, frame, fit, rule, source)
             before = frames.index(previous)
             provisional = label_provisionally(
-                index, before, label, body.shape.volume_share, settings.provisional, skin_label=skin
+                index, before, label, body.shape.volume_share, rule, skin_label=skin
             )
             found.append(
                 fit_frame(

@@ -8,7 +8,9 @@ have been on its way. How much the rest of the paths, weighed with their likelih
 with the best is each place's weight.
 """
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -166,10 +168,12 @@ def find_extremities(
     references = measure_references(
         shown, model, start[1:], start[0], stature_m, settings.candidates
     )
-    candidates = tuple(
-        find_candidates(frames[t], model, references, stature_m, settings.candidates)
-        for t in range(len(frames))
-    )
+
+    def find(t: int) -> Candidates:
+        return find_candidates(frames[t], model, references, stature_m, settings.candidates)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        candidates = tuple(pool.map(find, range(len(frames))))
     return choose_extremities(
         candidates,
         model,

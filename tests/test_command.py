@@ -23,7 +23,7 @@ from tasks.retrieval.normalization import joints_present, pack_motion
 from tasks.searching import PackedTake, SearchSettings, clip_take, search_takes
 
 COMMANDS = (
-    *("demo", "ingest", "takes", "show", "path", "search", "index"),
+    *("demo", "ingest", "plan", "render", "takes", "show", "path", "search", "index"),
     *("export", "verify", "gc", "doctor"),
 )
 

@@ -65,8 +65,9 @@ class PoseSettings:
 
     fit: FitSettings = field(default_factory=FitSettings)
 
-    sample: int = 3500
-    """Voxels of a frame that are looked at: twice as many change joints by less than 1 mm."""
+    sample: int = 2000
+    """Voxels of a frame that are looked at: 3500 change the mean error by less than 1 mm on six
+    captures of seven, and take 30 % longer."""
 
     keep_moving: float = 0.7
     """Share of the last motion of a joint that is expected to go on, at 30 frames a second."""
@@ -395,7 +396,10 @@ def _check(
         ("cue_weights", cue_weights, (runs.frames, 3)),
     ):
         if value is not None and value.shape != shape:
-            raise ValueError(f"{name} has shape {value.shape}, but {shape} is wanted: face, hands")
+            raise ValueError(
+                f"{name} has shape {value.shape}, but {shape} is wanted; give face, right hand "
+                "and left hand of every frame"
+            )
     optional = {"Waist"} | {s + n for s in "RL" for n in ("Wrist", "Ankle", "Heel")}
     known = dict(zip(JOINTS, np.asarray(position, np.float64), strict=True))
     missing = [n for n in JOINTS if n not in optional and not np.isfinite(known[n]).all()]

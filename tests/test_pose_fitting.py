@@ -1,0 +1,266 @@
+"""Fitted poses: derivatives, blobs, recovered limbs and a whole synthetic take."""
+
+import numpy as np
+import pytest
+
+from storage.schema import JOINTS
+from tasks.geometry import articulated, blobs, limb_search
+from tasks.geometry.articulated import BONES, PARENT, Pose
+from tasks.geometry.voxels import VoxelGrid, encode_runs
+from tasks.pose_fitting import fit_poses, label_blobs
+
+B = BONES.index
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+@pytest.fixture
+def origin(rng):
+    return rng.normal(size=(len(BONES), 3))
+
+
+@pytest.fixture
+def pose(rng):
+    turns = [articulated.rotation_of(v) for v in rng.normal(size=(len(BONES), 3))]
+    return Pose(rng.normal(size=3), np.stack(turns))
+
+
+def test_the_derivative_of_a_point_is_what_a_small_move_does(rng, origin, pose):
+    """With identity weights the right side is the gradient of half the squared distance."""
+    bone, offset = np.array([B("RHand"), B("LFoot"), B("Head")]), rng.normal(size=(3, 3))
+    goal = rng.normal(size=(3, 3))
+
+    def half_squared(at):
+        places = articulated.carry(at, articulated.place_bones(at, origin), bone, offset)
+        return 0.5 * ((goal - places) ** 2).sum()
+
+    joints = articulated.place_bones(pose, origin)
+    points = articulated.carry(pose, joints, bone, offset)
+    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    weights = np.tile(np.eye(3), (3, 1, 1))
+    articulated.add_points(bone, points, weights, goal - points, joints, system)
+    for unknown in range(articulated.UNKNOWNS):
+        step = np.zeros(articulated.UNKNOWNS)
+        values = []
+        for size in (1e-6, -1e-6):
+            step[unknown] = size
+            turned = np.empty_like(pose.rotation)
+            articulated.move(step, pose.rotation, turned)
+            values.append(half_squared(Pose(pose.root + step[:3], turned)))
+        slope = (values[0] - values[1]) / 2e-6
+        assert system[unknown, -1] == pytest.approx(-slope, abs=1e-6)
+    np.testing.assert_allclose(system[:, :-1], system[:, :-1].T, atol=1e-12)
+    assert np.abs(system[:, -1]).max() > 0.1
+
+
+def test_the_normal_matrix_is_the_jacobian_times_itself(rng, origin, pose):
+    joints = articulated.place_bones(pose, origin)
+    bone, offset = np.array([B("LForeArm")]), rng.normal(size=(1, 3))
+    point = articulated.carry(pose, joints, bone, offset)
+    root = rng.normal(size=(3, 3))
+    weight = root @ root.T
+    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    articulated.add_points(bone, point, weight[None], np.zeros((1, 3)), joints, system)
+    jacobian = np.zeros((3, articulated.UNKNOWNS))
+    jacobian[:, :3] = np.eye(3)
+    k = int(bone[0])
+    while k >= 0:
+        for axis in range(3):
+            jacobian[:, 3 + 3 * k + axis] = np.cross(np.eye(3)[axis], point[0] - joints[k])
+        k = int(PARENT[k])
+    np.testing.assert_allclose(system[:, :-1], jacobian.T @ weight @ jacobian, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-10, 0.3, 3.0, 3.14])
+def test_a_rotation_is_found_again(rng, angle):
+    axis = rng.normal(size=3)
+    vector = axis / np.linalg.norm(axis) * angle
+    again = articulated.vector_of(articulated.rotation_of(vector))
+    np.testing.assert_allclose(again, vector, atol=1e-7)
+
+
+def test_a_steady_turn_goes_on(origin):
+    def at(t):
+        turns = np.tile(articulated.rotation_of(np.array([0.0, 0.2 * t, 0.0])), (15, 1, 1))
+        turns[B("RForeArm")] = turns[0] @ articulated.rotation_of(np.array([0.3 * t, 0, 0]))
+        return Pose(np.array([0.1 * t, 0.0, 0.0]), turns)
+
+    ahead = articulated.extrapolate(at(1), at(2), 1.0, 1.0)
+    np.testing.assert_allclose(ahead.rotation[:11], at(3).rotation[:11], atol=1e-9)
+    np.testing.assert_allclose(ahead.root, at(3).root)
+
+
+def test_a_knee_beyond_its_limit_is_pushed_back(origin):
+    rotation = np.tile(np.eye(3), (15, 1, 1))
+    k = B("RLowerLeg")
+    rotation[k] = articulated.rotation_of(np.array([-0.6, 0.0, 0.0]))  # shin forwards (+z)
+    limits = np.array([[k, 1, 0, -1, 0, 0, 0, 1, 0.1]], float)
+    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    nothing = np.zeros((15, 2))
+    articulated.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
+    assert system[3 + 3 * k, -1] > 0.1
+    rotation[k] = rotation[k].T
+    system[:] = 0
+    articulated.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
+    assert not system.any()
+
+
+def test_voxels_share_out_as_in_a_plain_loop(rng):
+    points = rng.normal(size=(40, 3))
+    mean = rng.normal(size=(5, 3))
+    whitening = rng.normal(size=(5, 3, 3)) + 1.5 * np.eye(3)
+    factor, nobody = rng.uniform(0.5, 2.0, size=5), 0.03
+    sums = np.empty((5, 4))
+    likelihood = blobs.share_out(
+        points, (mean, whitening), np.full(5, np.inf), factor, nobody, sums
+    )
+    expected, total = np.zeros((5, 4)), 0.0
+    for point in points:
+        weight = np.zeros(5)
+        for b in range(5):
+            squared = float(((whitening[b] @ (point - mean[b])) ** 2).sum())
+            weight[b] = factor[b] * np.exp(-squared / 2) if squared < 18 else 0.0
+        total += np.log(weight.sum() + nobody)
+        expected[:, 0] += weight / (weight.sum() + nobody)
+        expected[:, 1:] += (weight / (weight.sum() + nobody))[:, None] * point
+    np.testing.assert_allclose(sums, expected, atol=1e-9)
+    assert likelihood == pytest.approx(total / 40)
+    assert 5 < expected[:, 0].sum() < 39
+
+
+def test_no_voxel_within_a_blob_is_beyond_its_reach(rng):
+    points = rng.normal(size=(500, 3)) * (0.05, 0.1, 0.2)
+    made = blobs.make_blobs(
+        points, np.zeros(500, int), np.zeros((1, 3)), np.array([4]), softness_m=0.01
+    )
+    for b in range(len(made.bone)):
+        away = points - made.offset[b]
+        near = ((away @ made.whitening[b].T) ** 2).sum(1) < 18
+        assert ((away[near] ** 2).sum(1) < made.reach[b] * 1.001).all()
+        assert near.any()
+    assert made.share.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("limb", limb_search.LIMBS, ids=["r arm", "l arm", "r leg", "l leg"])
+def test_a_limb_reaches_the_place_whatever_its_swivel(rng, pose, limb):
+    origin = rng.normal(size=(len(BONES), 3)) * 0.3
+    offset = np.array([0.1, 0.0, 0.05])
+    start = articulated.place_bones(pose, origin)[limb.upper]
+    upper = np.linalg.norm(origin[limb.lower] - origin[limb.upper])
+    lower = np.linalg.norm(origin[limb.end] + offset - origin[limb.lower])
+    place = start + np.array([0.0, 0.6, 0.8]) * np.hypot(upper, lower)
+    found = limb_search.reach_for(pose, origin, limb, offset, place, 4)
+    elbows = []
+    for other in found:
+        joints = articulated.place_bones(other, origin)
+        end = joints[limb.end] + other.rotation[limb.end] @ offset
+        np.testing.assert_allclose(end, place, atol=1e-9)
+        elbows.append(joints[limb.lower])
+    assert np.linalg.norm(elbows[0] - elbows[2]) > 0.05
+
+
+def test_the_choice_changes_only_where_the_fits_meet():
+    places = np.zeros((2, 12, 1, 3))
+    places[1, :, 0, 0] = [1, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 1]
+    costs = np.zeros((2, 12))
+    costs[0, 7:] = 1.0
+    costs[1, :4] = 1.0
+    chosen = limb_search.choose_fits(costs, places, 0.05)
+    assert (chosen[:4] == 0).all()
+    assert (chosen[7:] == 1).all()
+
+
+GRID = VoxelGrid((-1.0, 0.01, -0.5), 0.02, (100, 92, 50))
+
+JOINT_PLACES = {
+    "Head": (0, 1.7, 0), "Neck": (0, 1.44, 0), "Waist": (0, 1.0, 0),
+    "RShoulder": (-0.18, 1.4, 0), "RElbow": (-0.45, 1.4, 0), "RWrist": (-0.68, 1.4, 0),
+    "RFin": (-0.85, 1.4, 0), "RHip": (-0.1, 0.9, 0), "RKnee": (-0.11, 0.5, 0),
+    "RAnkle": (-0.12, 0.09, 0), "RHeel": (-0.12, 0.03, -0.06), "RFoot": (-0.12, 0.03, 0.16),
+}  # fmt: skip
+TUBES = (
+    (0, "Head", "Neck", 0.09, 0), (1, "Neck", "Waist", 0.13, 1), (2, "Waist", "Hips", 0.13, 2),
+    (3, "Shoulder", "Elbow", 0.05, 3), (4, "Elbow", "Fin", 0.04, 4),
+    (7, "Hip", "Knee", 0.08, 7), (8, "Knee", "Ankle", 0.05, 8), (8, "Heel", "Foot", 0.04, 8),
+)  # fmt: skip
+
+
+def _joints(bend):
+    """Return the joints of a figure whose forearms are bent up by an angle."""
+    at = {name: np.array(place, float) for name, place in JOINT_PLACES.items()}
+    for name in list(at):
+        if name[0] == "R":
+            at["L" + name[1:]] = at[name] * (-1, 1, 1)
+    for side, sign in (("R", -1), ("L", 1)):
+        for name in ("Wrist", "Fin"):
+            length = abs(at[side + name][0] - at[side + "Elbow"][0])
+            way = np.array([sign * np.cos(bend), np.sin(bend), 0.0])
+            at[side + name] = at[side + "Elbow"] + length * way
+    at["Hips"] = (at["RHip"] + at["LHip"]) / 2
+    return at
+
+
+def _figure(bend):
+    """Return the joints, occupied voxels and labels of a figure of tubes."""
+    at = _joints(bend)
+    index = np.argwhere(np.ones(GRID.shape, bool))
+    points = np.asarray(GRID.origin_m) + index * GRID.voxel_m
+    best, label = np.full(len(points), np.inf), np.zeros(len(points), np.uint8)
+    for number, first, last, radius, _ in TUBES:
+        for shift, side in ((0, "R"), (2, "L")) if first not in at else ((0, ""),):
+            a, b = at[side + first], at[side + last]
+            share = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            away = np.linalg.norm(points - a - share[:, None] * (b - a), axis=1) / radius
+            label[away < best] = number + 1 + shift
+            best = np.minimum(best, away)
+    occupied = best < 1
+    return at, occupied.reshape(GRID.shape), label[occupied]
+
+
+@pytest.fixture(scope="module")
+def waving():
+    """A figure that bends its forearms; frame 5 is empty."""
+    figures = [_figure(0.16 * t) for t in range(9)]
+    occupied = np.stack([f[1] for f in figures])
+    occupied[5] = False
+    position = np.stack([[f[0][name] for name in JOINTS] for f in figures])
+    return encode_runs(occupied), position, figures
+
+
+@pytest.mark.slow
+def test_a_waving_figure_is_followed_through_an_empty_frame(waving):
+    runs, position, figures = waving
+    fitted = fit_poses(runs, GRID, 30.0, position[0], figures[0][2])
+    away = np.linalg.norm(fitted.position - position, axis=2)
+    assert away[[0, 1, 2, 3, 4, 7, 8]].max() < 0.05
+    assert away.max() < 0.15
+    assert fitted.doubtful.tolist() == [t == 5 for t in range(9)]
+    assert (fitted.quality[5] == 0).all()
+    mean, inverse, segment = label_blobs(fitted, 8)
+    _, occupied, label = figures[8]
+    points = np.asarray(GRID.origin_m) + np.argwhere(occupied) * GRID.voxel_m
+    d = points[:, None] - mean
+    nearest = segment[np.einsum("vbi,bij,vbj->vb", d, inverse, d).argmin(1)] + 1
+    assert (nearest == label).mean() > 0.9
+
+
+def test_arguments_that_do_not_fit_are_named(waving):
+    runs, position, figures = waving
+    label = figures[0][2]
+    with pytest.raises(ValueError, match=r"rate_hz -1\.0 must be positive"):
+        fit_poses(runs, GRID, -1.0, position[0], label)
+    with pytest.raises(ValueError, match="initial_frame 9 is not one of the take's 9 frames"):
+        fit_poses(runs, GRID, 30.0, position[0], label, initial_frame=9)
+    with pytest.raises(ValueError, match=r"position has shape \(20, 3\)"):
+        fit_poses(runs, GRID, 30.0, position[0, 1:], label)
+    with pytest.raises(ValueError, match="give a label for each"):
+        fit_poses(runs, GRID, 30.0, position[0], label[1:])
+    with pytest.raises(ValueError, match="cues has shape"):
+        fit_poses(runs, GRID, 30.0, position[0], label, cues=np.zeros((9, 2, 3)))
+    missing = position[0].copy()
+    missing[JOINTS.index("RKnee")] = np.nan
+    with pytest.raises(ValueError, match="has no RKnee; place"):
+        fit_poses(runs, GRID, 30.0, missing, label)

@@ -107,7 +107,7 @@ def read_films(
     ]
     frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
     block = max(1, min(16, _HELD_BYTES // frame_bytes))
-    yield from read_blocks(videos, block=block, start=start, end=end, workers=THREADS)
+    yield from _one_ahead(read_blocks(videos, block=block, start=start, end=end, workers=THREADS))
 
 
 def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
@@ -116,6 +116,15 @@ def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> li
         return [work(item) for item in items]
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(work, items))
+
+
+def _one_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
+    """Yield the items, each next one being made while the one before is worked on."""
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(next, items, None)
+        while (item := waiting.result()) is not None:
+            waiting = pool.submit(next, items, None)
+            yield item
 
 
 def _read_background(path: Path) -> Background:

@@ -13,6 +13,7 @@ from typing import Any
 from prefect import Task, task
 from prefect.cache_policies import CacheKeyFnPolicy
 from prefect.context import TaskRunContext
+from prefect.transactions import CommitMode, transaction
 
 from storage import open_archive
 from storage.blocks import has_block
@@ -53,6 +54,11 @@ def cached(
     )(function)
 
     def run(**parameters: Any) -> Any:
+        # by itself Prefect keeps no result until the task that called this one has succeeded too
+        with transaction(commit_mode=CommitMode.EAGER):
+            return _run(parameters)
+
+    def _run(parameters: dict[str, Any]) -> Any:
         state = stage(**parameters, return_state=True)
         result = state.result()
         if state.name != "Cached" or is_intact(result, **parameters):

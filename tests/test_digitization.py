@@ -1,0 +1,121 @@
+"""Tests of the flow from films to colored voxels, on a tiny generated capture."""
+
+import shutil
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from storage import open_archive
+from storage.formats.capture import read_capture
+from storage.places import list_files
+from storage.publication import collect_garbage, verify_take
+from tasks import capture_films
+from tasks.carving import CarvingSettings, carve_visual_hull
+from tasks.coloring import ColoringSettings, color_surface
+from tasks.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.geometry.choreography import okuri48
+from tasks.geometry.voxels import decode_runs
+from tasks.silhouettes import extract_silhouettes
+from tasks.studio import TK, generate_performance
+
+pytestmark = [pytest.mark.flow, pytest.mark.slow]
+
+FRAMES = 18
+RING = RingSettings(cameras=5, size=(80, 60), radius_m=3.5)
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("films") / "dancer"
+    track = generate_performance([okuri48()], TK, rate_hz=10.0).position[:FRAMES]
+    cameras = generate_cameras(RING, center_m=(0.0, 0.9, 0.0), seed=4)
+    film_capture(folder, track, 10.0, cameras=cameras, settings=FilmSettings(voxel_m=0.05))
+    return folder
+
+
+@pytest.fixture
+def capture(filmed, tmp_path, monkeypatch):
+    monkeypatch.setattr(capture_films, "_BLOCK_FRAMES", 8)
+    return shutil.copytree(filmed, tmp_path / "dancer")
+
+
+@pytest.fixture
+def ingest(prefect_server, tmp_path, capture):
+    from flows.ingestion import ingest_archive
+
+    return lambda: ingest_archive(str(tmp_path / "archive"), [str(capture)])[0]
+
+
+def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, capture, tmp_path):
+    outcome = ingest()
+    assert outcome.status == "ingested", outcome.reason
+    take = open_archive(tmp_path / "archive").take("dancer")
+    source = read_capture(capture)
+    backgrounds = capture_films.read_backgrounds(source)
+    [*parts] = capture_films.read_films(source, 0, FRAMES)
+    films = [np.concatenate([films[c] for _, films in parts]) for c in range(5)]
+    silhouettes = np.stack(
+        [extract_silhouettes(f, b) for f, b in zip(films, backgrounds, strict=True)], axis=1
+    )
+    np.testing.assert_array_equal(take.silhouettes, silhouettes)
+    projection, grid = capture_films.projection_of(source.cameras), capture_films.grid_of(source)
+    for t in range(FRAMES):
+        hull = carve_visual_hull(silhouettes[t], projection, grid, CarvingSettings())
+        np.testing.assert_array_equal(take.occupied(t), decode_runs(hull, 0))
+        images = np.stack([film[t] for film in films])
+        colored = color_surface(hull, grid, images, silhouettes[t], projection, ColoringSettings())
+        voxels = take.voxels(t)
+        is_surface = voxels["is_surface"].values
+        np.testing.assert_array_equal(voxels["color"].values[is_surface], colored.color)
+        np.testing.assert_array_equal(voxels["camera"].values[is_surface], colored.camera)
+    place = open_archive(tmp_path / "archive").place
+    assert verify_take(place, "dancer") == []
+    assert list_files(place, "work") == []
+
+
+def test_what_did_not_change_is_not_computed_again_and_a_change_is_a_new_version(
+    ingest, capture, tmp_path
+):
+    assert ingest().status == "ingested"
+    assert ingest().status == "unchanged"
+    text = (capture / "capture.toml").read_text()
+    (capture / "capture.toml").write_text(text.replace("voxel_m = 0.05", "voxel_m = 0.06"))
+    assert ingest().status == "ingested"
+    take = open_archive(tmp_path / "archive").take("dancer")
+    assert (take.record.number, take.voxels(3).attrs["voxel_m"]) == (2, 0.06)
+
+
+def test_finished_blocks_are_kept_and_a_damaged_one_is_made_again(ingest, tmp_path, monkeypatch):
+    from flows import digitization
+
+    def broken(*_, **__):
+        raise RuntimeError("the machine is switched off")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(digitization, "assemble_take", broken)
+        assert ingest().status == "failed"
+    place = open_archive(tmp_path / "archive").place
+    blocks = [place.folder / file.path for file in list_files(place, "work")]
+    assert len(blocks) == 9
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in blocks}
+    blocks[0].write_bytes(b"damaged")
+    blocks[4].unlink()
+    with monkeypatch.context() as patched:
+        patched.setattr(digitization, "assemble_take", broken)
+        assert ingest().status == "failed"
+    for path, (mtime, content) in before.items():
+        assert path.read_bytes() == content
+        assert (path.stat().st_mtime_ns == mtime) == (path not in (blocks[0], blocks[4]))
+    assert len(collect_garbage(place, older_than=timedelta(0))) == 9
+    assert ingest().status == "ingested"
+
+
+def test_a_truncated_film_is_refused_with_its_camera(ingest, capture, tmp_path):
+    film = capture / "videos" / "cam2.mp4"
+    film.write_bytes(film.read_bytes()[:2000])
+    outcome = ingest()
+    assert outcome.status == "refused"
+    assert "cam2" in outcome.reason
+    assert open_archive(tmp_path / "archive").takes() == []
+    assert list_files(open_archive(tmp_path / "archive").place, "takes") == []

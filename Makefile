@@ -33,6 +33,8 @@ bench: setup
 	$(BIN)/python -m tests.benchmarks.search
 	$(BIN)/python -m tests.benchmarks.archive
 	$(BIN)/python -m tests.benchmarks.silhouettes
+	$(BIN)/python -m tests.benchmarks.carving
+	$(BIN)/python -m tests.benchmarks.digitization
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

@@ -4,7 +4,7 @@
 
 The true silhouettes of the shared captures, before their cameras; without them a generated
 figure. One thread is measured by its processor time, the best of several, turn by turn; two
-by the clock. Open3D is measured where it is installed (`pip install open3d`).
+by the clock. Open3D is measured where it is installed (the extra `peers`).
 """
 
 import argparse

@@ -1,0 +1,167 @@
+"""Measure digitizing, films to joints: `python -m tests.benchmarks.digitization [CAPTURE]`.
+
+By the store functions that the flow calls, without Prefect, in a process of its own each: the clock
+and the processor time of every stage, and the most memory that the process held, for the capture
+and for one whose films are ten times as long. By default a generated dancer in a kimono before
+eight cameras of 320 x 240, in voxels of 1 cm.
+"""
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from storage import create_archive, open_archive
+from storage.blocks import block_path
+from storage.formats.capture import read_capture
+from storage.formats.video import open_video, read_frames
+from storage.formats.video_writing import write_video
+from storage.recordings import digest_capture
+from tasks.assembling import assemble_take
+from tasks.capture_films import block_ranges
+from tasks.carving import CarvingSettings, carve_block
+from tasks.coloring import ColoringSettings, color_block
+from tasks.filming import FilmSettings, film_capture, stretch_arms_first
+from tasks.importing import publish_take
+from tasks.posing import PosingSettings, fit_take, label_block, model_take
+from tasks.silhouettes import SilhouetteSettings, extract_block
+from tasks.studio import demo_performances
+
+FRAMES, RATE_HZ, LONGER = 150, 30.0, 10
+
+
+def make_capture(folder: Path) -> Path:
+    """Film a generated dancer; return the capture."""
+    takes, _ = demo_performances(rate_hz=RATE_HZ)
+    position = stretch_arms_first(takes[3].performance.position, RATE_HZ)[:FRAMES]
+    film_capture(folder / "short", position, RATE_HZ, settings=FilmSettings(clothes="kimono"))
+    return folder / "short"
+
+
+def lengthen(capture: Path, into: Path) -> Path:
+    """Write a capture whose films repeat those of another."""
+    shutil.copytree(capture, into)
+    source = read_capture(capture)
+    for path in source.videos:
+        video = open_video(path)
+        frames = read_frames(video, 0, source.frames)
+        film = into / path.relative_to(capture)
+        film.unlink()
+        repeated = (frame for _ in range(LONGER) for frame in frames)
+        write_video(film.with_suffix(".mp4"), repeated, source.fps)
+    return into
+
+
+def used() -> float:
+    """Return the processor time of this process, seconds."""
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    return spent.ru_utime + spent.ru_stime
+
+
+def digitize(capture: Path, archive: str) -> dict[str, Any]:
+    """Digitize a capture; return clock and processor milliseconds a frame of each stage."""
+    create_archive(archive)
+    source = read_capture(capture)
+    digest = digest_capture(capture)
+    shared = {"archive": archive, "capture": str(capture), "digest": digest}
+    settings = {
+        "silhouettes": SilhouetteSettings(),
+        "carving": CarvingSettings(),
+        "coloring": ColoringSettings(),
+        "posing": PosingSettings(),
+    }
+    blocks: dict[str, list[dict[str, Any]]] = {}
+    spent: dict[str, list[float]] = {}
+    posing = settings["posing"]
+
+    def run(stage: str, function: Any, **more: Any) -> dict[str, Any]:
+        path = block_path(source.take, digest, stage, more.get("start", more.pop("first", 0)))
+        clock, processor = time.monotonic(), used()
+        found = function(**shared, into=path, **more)
+        took = (time.monotonic() - clock, used() - processor)
+        spent[stage] = [a + b for a, b in zip(spent.get(stage, (0.0, 0.0)), took, strict=True)]
+        blocks.setdefault(stage, []).append(found)
+        return found
+
+    for start, end in block_ranges(source):
+        films = run(
+            "silhouettes", extract_block, start=start, end=end, settings=settings["silhouettes"]
+        )
+        hulls = run(
+            "carving", carve_block, silhouettes=films, first=start, settings=settings["carving"]
+        )
+        run(
+            "coloring", color_block, silhouettes=films, hulls=hulls, first=start,
+            settings=settings["coloring"],
+        )  # fmt: skip
+    voxels = {"hulls": blocks["carving"], "colors": blocks["coloring"]}
+    initial = run("initial_model", model_take, **voxels)
+    fitted = run("pose", fit_take, **voxels, initial=initial, settings=posing)
+    for start, end in block_ranges(source):
+        run(
+            "labels", label_block, **voxels, initial=initial, fitted=fitted, start=start, end=end,
+            settings=posing,
+        )  # fmt: skip
+    clock, processor = time.monotonic(), used()
+    draft = assemble_take(
+        archive, str(capture), digest, source.take, blocks,
+        settings={name: {} for name in settings}, identity="", notes=[],
+    )  # fmt: skip
+    publish_take(archive, draft)
+    spent["assembling"] = [time.monotonic() - clock, used() - processor]
+    frames = source.frames
+    return {
+        "frames": frames,
+        "clock_ms": {stage: 1e3 * both[0] / frames for stage, both in spent.items()},
+        "processor_ms": {stage: 1e3 * both[1] / frames for stage, both in spent.items()},
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "runs_on_dense": _share_of_dense(archive, source.take),
+    }
+
+
+def _share_of_dense(archive: str, take: str) -> float:
+    """Return how many times smaller the occupied voxels are on disk than dense."""
+    found = open_archive(archive).take(take)
+    stored = sum(
+        each["bytes"] for name, each in found.record.files.items() if name.startswith("voxels/run_")
+    )
+    return found.record.frames * int(np.prod(found.occupied(0).shape)) / stored
+
+
+def measure(capture: Path, archive: Path) -> dict[str, Any]:
+    """Digitize a capture in a process of its own, after one that compiled everything."""
+    command = [sys.executable, "-m", __spec__.name, "--once", str(capture), str(archive)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return json.loads(done.stdout)
+
+
+def main() -> None:
+    """Write one JSON object: the figures of the capture and of the long one."""
+    if sys.argv[1:2] == ["--once"]:
+        json.dump(digitize(Path(sys.argv[2]), sys.argv[3]), sys.stdout)
+        return
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        capture = Path(sys.argv[1]).absolute() if len(sys.argv) > 1 else make_capture(folder)
+        measure(capture, folder / "warm")
+        short = measure(capture, folder / "a")
+        long = measure(lengthen(capture, folder / "long"), folder / "b")
+    colored = ("silhouettes", "carving", "coloring")
+    summary = {
+        "frames_a_second_to_colors": 1e3 / sum(short["clock_ms"][stage] for stage in colored),
+        "frames_a_second_to_joints": 1e3 / sum(short["clock_ms"].values()),
+        "memory_of_ten_times_the_frames": long["peak_mb"] / short["peak_mb"],
+    }
+    json.dump({"digitizing": summary, "short": short, "long": long}, sys.stdout, indent=2)
+    sys.stdout.write("\n")
+
+
+if __name__ == "__main__":
+    main()

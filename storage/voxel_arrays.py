@@ -28,7 +28,7 @@ from storage.provenance import Provenance
 from storage.schema import SPACE
 
 _CHUNK = 1 << 18  # values read at once: a few frames of a performer
-_SHARD = 1 << 24  # values in a file
+_SHARD = 1 << 22  # values in a file
 _PICTURES_BYTES = 1 << 25  # of silhouettes in a file
 _PICTURES_READ = 8  # frames of a camera read at once
 _ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so

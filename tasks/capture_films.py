@@ -27,7 +27,7 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 _BACKGROUND_FRAMES = 25
-_BLOCK_FRAMES = 300
+_BLOCK_FRAMES = 150
 _BLOCK_BYTES = 1 << 26  # silhouettes of all cameras, a bit a pixel
 _HELD_BYTES = 1 << 27  # decoded frames of all cameras: two such blocks are in memory
 

@@ -132,6 +132,8 @@ def _compute_blocks(
     try:
         blocks |= _pose_blocks(shared, recording, blocks, settings.posing, tell, into)
     except InputError as error:
+        if capture.initial:  # a person's mistake, to be mended by that person
+            raise
         notes.append(f"The take has no pose and is not searched: {error}")
     return blocks, notes
 

@@ -144,7 +144,7 @@ def distances(points: Floats, point: Floats) -> Floats:
     return np.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add(cell: Any, place: Any, ratio: Any, plain: Any, weighed: Any) -> None:
     """Sum voxels into their cells, and divide to means: count and center; mass, hot, its center."""
     count, center = plain
@@ -170,7 +170,7 @@ def _add(cell: Any, place: Any, ratio: Any, plain: Any, weighed: Any) -> None:
                     hot_center[table, c, k] = center[c, k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sum_balls(number: Any, place: Any, center: Any, mass: Any, weight: Any, wanted: Any) -> None:
     """Sum the mass of the cells in balls, and find their weighted middle.
 
@@ -212,7 +212,7 @@ def _sum_balls(number: Any, place: Any, center: Any, mass: Any, weight: Any, wan
             middle[s] = around[s]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _spread(number: Any, place: Any, center: Any, root: Any, way: Any) -> None:
     """Write the length of the shortest way over neighboring cells from the root to each cell."""
     count = len(place)
@@ -246,7 +246,7 @@ def _spread(number: Any, place: Any, center: Any, root: Any, way: Any) -> None:
                             length += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mark_peaks(number: Any, place: Any, way: Any, peaks: Any) -> None:
     """Mark the cells that are reached and farther than each neighbor within two cells."""
     for cell in range(len(place)):

@@ -8,7 +8,7 @@ that explains it better; at last every frame is fitted once more, near what its 
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from storage.schema import JOINTS, SEGMENTS
 from tasks.geometry.articulated import (
     BONES,
+    PROXIMAL,
     SEGMENT,
     Pose,
     blend,
@@ -30,24 +31,32 @@ from tasks.geometry.blob_fitting import (
     Fit,
     FitModel,
     FitSettings,
+    Sample,
     Target,
     bones_of_voxels,
     fit_frame,
     make_model,
     middles,
     miss,
+    settle_joints,
     worth,
 )
 from tasks.geometry.blobs import place_blobs
+from tasks.geometry.color_histograms import color_cells, learn_likeness
 from tasks.geometry.initial_shape_labels import complete_joints
 from tasks.geometry.limb_search import LIMBS, choose_fits, reach_for
+from tasks.geometry.skin import NO_CAMERA
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 Floats = NDArray[np.float64]
+Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]]
 
 _logger = logging.getLogger(__name__)
 
 _CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand"))
+
+# right and left wear the same, and light that falls from one side is no mark of it
+_PAIRED = np.array([0, 1, 2, 3, 4, 3, 4, 7, 8, 7, 8, 11, 11, 13, 13, -1])
 
 _RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
 for _side in "RL":
@@ -68,6 +77,9 @@ class PoseSettings:
     sample: int = 2000
     """Voxels of a frame that are looked at: 3500 change the mean error by less than 1 mm on six
     captures of seven, and take 30 % longer."""
+
+    most_likeness: float = 5.0
+    """A color that was seen on one bone only speaks for it by at most this factor."""
 
     keep_moving: float = 0.7
     """Share of the last motion of a joint that is expected to go on, at 30 frames a second."""
@@ -93,6 +105,19 @@ class PoseSettings:
     change_step: float = 0.05
     """A leap so long, in changing between the fits forwards and backwards, costs as much as a
     frame in which a limb has no support."""
+
+    unexplained: float = 0.03
+    """A fit that explains the voxels of a frame worse by so much, in the mean logarithm of their
+    likelihoods, costs 1."""
+
+    alike: float = 0.02
+    """Fits of a limb that are nearer than this to each other are taken for one."""
+
+    joint_rounds: int = 2
+    """How often joints are settled between fits."""
+
+    joint_frames: int = 60
+    """Frames that settle the joints, evenly from the take."""
 
     smoothing: float = 0.5
     """How much the two neighbors of a frame weigh together against the frame itself."""
@@ -136,6 +161,7 @@ def fit_poses(
     label: NDArray[np.integer],
     *,
     initial_frame: int = 0,
+    surfaces: Surfaces | None = None,
     cues: Floats | None = None,
     cue_weights: Floats | None = None,
     settings: PoseSettings | None = None,
@@ -154,6 +180,9 @@ def fit_poses(
         Segment plus one of the initial frame's voxels, in order; 0 for none.
     initial_frame
         The frame of the initial model.
+    surfaces
+        Gives for a frame which of its voxels (voxel,) are on the surface, and color (surface
+        voxel, 3) and camera (surface voxel,) of these. Without it, colors say nothing.
     cues : (time, 3, 3) float64
         Where face, right hand and left hand were seen, m; NaN where they were not.
     cue_weights : (time, 3) float64
@@ -172,14 +201,26 @@ def fit_poses(
     ends = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2}
     bone = bones_of_voxels(points, label, ends, forward)
     model = make_model(points, bone, ends, forward)
-    take = _Take(runs, grid, rate_hz, model, settings, cues, cue_weights, initial_frame)
+    looks = None
+    if surfaces is not None:
+        is_surface, color, camera = surfaces(initial_frame)
+        own = camera != NO_CAMERA
+        looks = learn_likeness(
+            color[own], _PAIRED[bone[is_surface][own]], len(BONES), most=settings.most_likeness
+        )[:, _PAIRED[: len(BONES)]]
+    take = _Take(
+        runs, grid, rate_hz, model, settings, cues, cue_weights, initial_frame, surfaces, looks
+    )
     there = _follow(take, range(initial_frame, runs.frames), rest_pose(model.origin))
     before = _follow(take, range(initial_frame, -1, -1), rest_pose(model.origin))
     first = [*before[:0:-1], *there]
     again = _follow(take, range(runs.frames - 1, -1, -1), first[-1].pose)[::-1]
     merged = _merge(take, first, again)
+    for _ in range(settings.joint_rounds):
+        take = replace(take, model=_settle_joints(take, merged))
+        merged = [fit.pose for fit in _settle(take, merged)]
     fits = _settle(take, merged)
-    return _describe(take, fits, position)
+    return _describe(take, fits, position, model.origin)
 
 
 def label_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
@@ -210,12 +251,22 @@ class _Take:
     cues: Floats | None
     cue_weights: Floats | None
     initial_frame: int
+    surfaces: Surfaces | None
+    looks: NDArray[np.float32] | None
 
-    def sample(self, frame: int) -> Floats:
-        """Return (voxel, 3) centers of an even sample of a frame's voxels."""
+    def sample(self, frame: int) -> Sample:
+        """Return an even sample of a frame's voxels, with what their colors say."""
         index = voxel_index(self.runs, frame)
         step = max(1, len(index) // self.settings.sample)
-        return voxel_centers(self.grid, index[step // 2 :: step])
+        chosen = slice(step // 2, None, step)
+        points = voxel_centers(self.grid, index[chosen])
+        likeness = np.ones((len(points), len(BONES) + 1), np.float32)
+        if self.surfaces is not None:
+            is_surface, color, camera = self.surfaces(frame)
+            number = np.cumsum(is_surface)[chosen] - 1
+            own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
+            likeness[own, :-1] = self.looks[color_cells(color[number[own]])]
+        return Sample(points, likeness)
 
     def targets(self, frame: int) -> list[Target]:
         """Return where face and hands were seen."""
@@ -244,21 +295,21 @@ def _follow(take: _Take, frames: Sequence[int], start: Pose) -> list[Fit]:
         ahead = start if not fits else fits[-1].pose
         if len(fits) > 1:
             ahead = extrapolate(fits[-2].pose, fits[-1].pose, share, share)
-        points, targets = take.sample(frame), take.targets(frame)
-        if not len(points):
+        sample, targets = take.sample(frame), take.targets(frame)
+        if not len(sample.points):
             fits.append(Fit(ahead, 0.0, np.zeros(len(BONES))))
             continue
-        fit = fit_frame(take.model, points, ahead, ahead, targets, settings=settings.fit)
+        fit = fit_frame(take.model, sample, ahead, ahead, targets, settings=settings.fit)
         rested -= 1
         if rested <= 0:
-            better = _find_again(take, fit, points, targets)
+            better = _find_again(take, fit, sample, targets)
             rested = 0 if better is fit else 3
             fit = better
         fits.append(fit)
     return fits
 
 
-def _find_again(take: _Take, fit: Fit, points: Floats, targets: Sequence[Target]) -> Fit:
+def _find_again(take: _Take, fit: Fit, sample: Sample, targets: Sequence[Target]) -> Fit:
     """Return the fit, or a better one in which a lost arm is elsewhere."""
     settings, model = take.settings, take.model
     for limb in LIMBS[:2]:
@@ -274,7 +325,7 @@ def _find_again(take: _Take, fit: Fit, points: Floats, targets: Sequence[Target]
             fit.pose, model.origin, limb, target.offset, target.place, settings.swivels
         ):
             other = fit_frame(
-                model, points, pose, pose, targets, settings=settings.fit, steps=4, widening=1.2
+                model, sample, pose, pose, targets, settings=settings.fit, steps=4, widening=1.2
             )
             if worth(model, other, targets) > worth(model, best, targets):
                 best = other
@@ -283,33 +334,51 @@ def _find_again(take: _Take, fit: Fit, points: Floats, targets: Sequence[Target]
 
 
 def _merge(take: _Take, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pose]:
-    """Return poses whose trunk, head and limbs are each from the better fit."""
-    model = take.model
+    """Return poses whose trunk, head and limbs are each from the fit that explains more."""
+    model, settings = take.model, take.settings
     both = (first, again)
     limbs = [limb.bones for limb in LIMBS]
     trunk = [k for k in range(len(BONES)) if all(k not in bones for bones in limbs)]
-    rotation = [np.stack([fit.pose.rotation for fit in fits]) for fits in both]
-    root = [np.stack([fit.pose.root for fit in fits]) for fits in both]
     at = [np.stack([middles(model, fit.pose) for fit in fits]) for fits in both]
-    support = np.stack([[fit.support for fit in fits] for fits in both])
-    step = take.settings.change_step * model.stature
-    chosen = np.empty((len(first), len(BONES)), np.int64)
-    seen = [take.targets(frame) for frame in range(len(first))]
-    for bones in [trunk, *limbs]:
-        cost = 1.0 - np.minimum(support[:, :, bones], 1.0).mean(2)
-        for fit, fits in enumerate(both):
-            for frame, targets in enumerate(seen):
-                for target in targets:
-                    if target.bone in bones:
-                        far = miss(model, fits[frame].pose, target) / target.scale_m
-                        cost[fit, frame] += far**2 / (1 + far**2)
-        points = [a[:, bones] for a in at]
-        chosen[:, bones] = choose_fits(cost, points, step)[:, None]
-    merged = []
-    for frame in range(len(first)):
-        turned = np.stack([rotation[chosen[frame, k]][frame, k] for k in range(len(BONES))])
-        merged.append(Pose(root[chosen[frame, trunk[0]]][frame], turned))
+    step = settings.change_step * model.stature
+
+    def choose(bones: list[int], explained: Floats) -> NDArray[np.int64]:
+        cost = (explained.max(0) - explained) / settings.unexplained
+        return choose_fits(cost, [a[:, bones] for a in at], step)
+
+    worths = [
+        [worth(model, fit, take.targets(t)) for t, fit in enumerate(fits)] for fits in both
+    ]
+    chosen = choose(trunk, np.array(worths))
+    merged = [both[chosen[t]][t].pose for t in range(len(first))]
+    for bones in limbs:
+
+        def explain(t: int, bones: list[int] = bones) -> tuple[float, float]:
+            apart = np.linalg.norm(at[0][t, bones] - at[1][t, bones], axis=1).max()
+            if apart < settings.alike * model.stature:
+                return 0.0, 0.0
+            sample, targets = take.sample(t), take.targets(t)
+            poses = [_with_limb(merged[t], fits[t].pose, bones) for fits in both]
+            fits = [
+                fit_frame(model, sample, pose, pose, settings=settings.fit, steps=0, widening=1.0)
+                for pose in poses
+            ]
+            return worth(model, fits[0], targets), worth(model, fits[1], targets)
+
+        with ThreadPoolExecutor() as pool:
+            explained = np.array(list(pool.map(explain, range(len(first))))).T
+        chosen = choose(bones, explained)
+        merged = [
+            _with_limb(pose, both[chosen[t]][t].pose, bones) for t, pose in enumerate(merged)
+        ]
     return merged
+
+
+def _with_limb(pose: Pose, other: Pose, bones: list[int]) -> Pose:
+    """Return a pose with the bones turned as in another."""
+    rotation = pose.rotation.copy()
+    rotation[bones] = other.rotation[bones]
+    return Pose(pose.root, rotation)
 
 
 def _settle(take: _Take, poses: Sequence[Pose]) -> list[Fit]:
@@ -322,12 +391,12 @@ def _settle(take: _Take, poses: Sequence[Pose]) -> list[Fit]:
         return blend(around, weights, poses[t])
 
     def settle(t: int) -> Fit:
-        points, ahead = take.sample(t), near(poses, t)
-        if not len(points):
+        sample, ahead = take.sample(t), near(poses, t)
+        if not len(sample.points):
             return Fit(ahead, 0.0, np.zeros(len(BONES)))
         return fit_frame(
             take.model,
-            points,
+            sample,
             ahead,
             ahead,
             take.targets(t),
@@ -342,8 +411,22 @@ def _settle(take: _Take, poses: Sequence[Pose]) -> list[Fit]:
     return [replace(fit, pose=near(settled, t)) for t, fit in enumerate(fits)]
 
 
-def _describe(take: _Take, fits: Sequence[Fit], initial: Floats) -> FittedPoses:
+def _settle_joints(take: _Take, poses: Sequence[Pose]) -> FitModel:
+    """Return the body with its joints where a take's frames have their centers of rotation."""
+    step = max(1, len(poses) // take.settings.joint_frames)
+    frames = [t for t in range(0, len(poses), step)]
+    samples = ((take.sample(t), poses[t]) for t in frames)
+    return settle_joints(take.model, ((s, p) for s, p in samples if len(s.points)), take.settings.fit)
+
+
+def _describe(
+    take: _Take, fits: Sequence[Fit], placed: Floats, origin: Floats
+) -> FittedPoses:
     model = take.model
+    initial = placed.copy()
+    for k, name in enumerate(PROXIMAL):
+        if BONES[k] != "Body":
+            initial[JOINTS.index(name)] += model.origin[k] - origin[k]
     frames = len(fits)
     position = np.full((frames, len(JOINTS), 3), np.nan)
     bone = np.array([BONES.index(_RIDES_ON[name]) for name in JOINTS])

@@ -5,8 +5,9 @@ Expectation (`blobs.share_out`) and one step of least squares over all bones
 multiple of its own volume, so that cloth around it does not pull more than the body.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,11 @@ from tasks.geometry.articulated import (
     Pose,
     add_points,
     add_priors,
+    carry,
     move,
     place_bones,
 )
+from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
 from tasks.geometry.blobs import Blobs, make_blobs, place_blobs, share_out
 
 _B = {name: k for k, name in enumerate(BONES)}
@@ -52,6 +55,8 @@ class FitSettings:
     limit: float = 2.0
     """Information of the limits of knees and elbows."""
 
+    centers: CenterSettings = field(default_factory=CenterSettings)
+
     largest_turn: float = 0.4
     """Largest turn of a joint in a step, rad."""
 
@@ -64,6 +69,12 @@ _BLOBS = np.array([3, 8, 5, 3, 3, 3, 3, 4, 4, 4, 4, 2, 2, 2, 2])  # by size and 
 _THICKNESS = np.array(  # statures: what is farther from a bone's line is cloth
     [0.1, 0.2, 0.2, 0.05, 0.045, 0.05, 0.045, 0.085, 0.06, 0.085, 0.06, 0.045, 0.045, 0.2, 0.2]
 )
+_CARRIER = {  # what carries the cloth around a bone: sleeves hang from arms, skirts from the waist
+    _B[side + part]: _B["Waist" if "Leg" in part else side + part]
+    for side in "RL"
+    for part in ("UpperArm", "ForeArm", "Hand", "UpperLeg", "LowerLeg")
+}
+_CLOTHS = np.full(len(BONES), 3)  # blobs of what hangs from a bone
 _END = (
     "Head", "Waist", "Hips", "RElbow", "RWrist", "LElbow", "LWrist",
     "RKnee", "RAnkle", "LKnee", "LAnkle", "RFin", "LFin", "RFoot", "LFoot",
@@ -80,11 +91,36 @@ class FitModel:
 
     blobs: Blobs
 
+    cloth: Blobs
+    """What hangs from the arms: blobs that are carried by a point of a bone, and do not turn."""
+
+    hang: Floats
+    """(cloth blob, 3) from that point to the blob's middle, m."""
+
+    left: Floats
+    """(3,) to the performer's left in the initial pose, horizontally."""
+
     limits: Floats
     """(limit, 9) as `articulated.add_priors` takes them, information 1."""
 
     stature: float
     """Height of the initial pose, m."""
+
+    @cached_property
+    def kind(self) -> NDArray[np.int64]:
+        """(blob + cloth blob,) which column of `Sample.likeness` is each one's."""
+        return np.concatenate([self.blobs.bone, np.full(len(self.cloth.bone), len(BONES))])
+
+    @cached_property
+    def reach(self) -> Floats:
+        """(blob + cloth blob,) square of the distance, m**2, beyond which each weighs nothing."""
+        return np.concatenate([self.blobs.reach, self.cloth.reach])
+
+    @cached_property
+    def weight(self) -> Floats:
+        """(blob + cloth blob,) density of each one's middle, over the median of the body's."""
+        own = self.blobs.density
+        return np.concatenate([own, self.cloth.density]) / float(np.median(own))
 
 
 @dataclass(frozen=True)
@@ -117,9 +153,21 @@ class Fit:
     """(bone,) voxels that belong to a bone, as a share of the bone's at first; 1 is all."""
 
 
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Some of a frame's voxels."""
+
+    points: Floats
+    """(voxel, 3) centers, m."""
+
+    likeness: NDArray[np.float32]
+    """(voxel, bone + 1) how much likelier the voxel's color is on a bone than anywhere; 1 where
+    it is not known, and for what is not the body's (the last)."""
+
+
 def fit_frame(
     model: FitModel,
-    points: Floats,
+    sample: Sample,
     start: Pose,
     ahead: Pose,
     targets: Sequence[Target] = (),
@@ -132,42 +180,27 @@ def fit_frame(
 
     Parameters
     ----------
-    points : (voxel, 3) float64
-        Centers of a sample of the frame's voxels, m.
+    sample
+        Of the frame's voxels.
     start, ahead
         Where the fit begins, and the pose foreseen.
     targets
         Points of the body seen elsewhere.
     """
     blobs, pose = model.blobs, start
-    density = blobs.density
-    level = float(np.median(density))
-    relative = density / level
     stiffness = np.stack([settings.foreseen * _FORESEEN, settings.rest * _REST], 1)
     limits = model.limits * np.array([1, settings.limit, 1, 1, 1, 1, 1, 1, 1.0])
-    sums = np.empty((len(relative), 4))
     turns = settings.steps if steps is None else steps
     wide = settings.widening if widening is None else widening
     anneal = max(1.0, 0.6 * turns)
-    reach = blobs.reach
-    likelihood, mass = 0.0, np.zeros(len(relative))
     for turn in range(turns + 1):
         f = wide + (1 - wide) * min(1.0, turn / anneal)
-        joints = place_bones(pose, model.origin)
-        mean, whitening = place_blobs(blobs, joints, pose.rotation)
-        factor = relative / f**3
-        likelihood = share_out(
-            points, (mean, whitening / f), reach * f**2, factor, settings.nobody, sums
-        )
-        mass = sums[:, 0] / max(len(points), 1)
+        seen, likelihood, mass = weigh_blobs(model, sample, pose, settings, f)
         if turn == turns:
             break
-        weight = np.minimum(mass, settings.most_mass * blobs.share)
-        information = np.einsum("b,bji,bjk->bik", weight, whitening, whitening)
-        middle = sums[:, 1:] / np.maximum(sums[:, :1], 1e-9)
-        information[mass < 1e-5] = 0
+        joints = seen.joints
         system = np.zeros((UNKNOWNS, UNKNOWNS + 1))
-        add_points(blobs.bone, mean, information, middle - mean, joints, system)
+        add_points(blobs.bone, seen.mean, seen.information, seen.residual, joints, system)
         _add_targets(targets, pose, joints, system)
         add_priors(pose.rotation, ahead.rotation, stiffness, limits, system[:, :-1], system[:, -1])
         system[:3, :3] += np.eye(3) * _ROOT_STAYS
@@ -176,6 +209,43 @@ def fit_frame(
     held = np.bincount(blobs.bone, np.minimum(mass, blobs.share), len(BONES))
     whole = np.bincount(blobs.bone, blobs.share, len(BONES))
     return Fit(pose, likelihood - np.log(settings.nobody), held / np.maximum(whole, 1e-9))
+
+
+def weigh_blobs(
+    model: FitModel, sample: Sample, pose: Pose, settings: FitSettings, widening: float = 1.0
+) -> tuple[Evidence, float, Floats]:
+    """Share a frame's voxels out in a pose.
+
+    Returns
+    -------
+    Evidence
+        Where the blobs' voxels are.
+    float
+        Mean log likelihood of a voxel.
+    (blob,) float64
+        Share of the voxels that each blob has.
+    """
+    blobs, cloth = model.blobs, model.cloth
+    own = len(blobs.bone)
+    joints = place_bones(pose, model.origin)
+    mean, whitening = place_blobs(blobs, joints, pose.rotation)
+    hung = carry(pose, joints, cloth.bone, cloth.offset) + model.hang
+    sums = np.empty((own + len(hung), 4))
+    likelihood = share_out(
+        sample.points,
+        (sample.likeness, model.kind),
+        (np.concatenate([mean, hung]), np.concatenate([whitening, cloth.whitening]) / widening),
+        (model.reach * widening**2, model.weight / widening**3),
+        settings.nobody,
+        sums,
+    )
+    mass = sums[:own, 0] / max(len(sample.points), 1)
+    pull = np.minimum(mass, settings.most_mass * blobs.share)
+    pull[mass < 1e-5] = 0
+    information = np.einsum("b,bji,bjk->bik", pull, whitening, whitening)
+    middle = sums[:own, 1:] / np.maximum(sums[:own, :1], 1e-9)
+    seen = Evidence(blobs.bone, mean, information, middle - mean, joints, pose.rotation)
+    return seen, likelihood, mass
 
 
 def _add_targets(targets: Sequence[Target], pose: Pose, joints: Floats, system: Floats) -> None:
@@ -227,21 +297,49 @@ def make_model(
     """Return the body of blobs of labeled voxels; cloth far from a bone's line is left out."""
     origin = np.stack([joints[name] for name in PROXIMAL])
     stature = float(joints["Head"][1] - min(joints["RFoot"][1], joints["LFoot"][1]))
-    kept = bone.copy()
+    kept, hangs = bone.copy(), np.full_like(bone, -1)
     for k in range(len(BONES)):
         end = joints[_END[k]]
         mine = np.flatnonzero(bone == k)
-        away = _distance(points[mine], origin[k], end)
-        kept[mine[away > _THICKNESS[k] * stature]] = -1
-    blobs = make_blobs(points, kept, origin, _BLOBS, softness_m=0.005 * stature)
+        nearest = _nearest(points[mine], origin[k], end)
+        away = points[mine] - nearest
+        far = np.linalg.norm(away, axis=1) > _THICKNESS[k] * stature
+        kept[mine[far]] = -1
+        if k in _CARRIER:
+            hangs[mine[far & ((away[:, 1] < 0) | (_CARRIER[k] != k))]] = _CARRIER[k]
+    soft = 0.005 * stature
+    blobs = make_blobs(points, kept, origin, _BLOBS, softness_m=soft)
+    cloth, hang = _hang_cloth(points, hangs, (origin, joints), soft, int((kept >= 0).sum()))
     left = np.cross((0.0, 1.0, 0.0), forward)
-    return FitModel(origin, blobs, _limits(forward, left, joints), stature)
+    return FitModel(origin, blobs, cloth, hang, left, _limits(forward, left, joints), stature)
 
 
-def _distance(points: Floats, a: Floats, b: Floats) -> Floats:
+def _hang_cloth(
+    points: Floats, bone: NDArray[np.integer], body: tuple[Floats, dict[str, Floats]],
+    softness_m: float, voxels: int,
+) -> tuple[Blobs, Floats]:  # fmt: skip
+    """Return blobs of what hangs from bones, as round seen from above as it is wide, and (blob, 3)
+    how far they hang from the point of the bone that carries them."""
+    origin, joints = body
+    found = make_blobs(points, bone, origin, _CLOTHS, softness_m=softness_m)
+    carried = np.empty_like(found.offset)
+    round_ = np.empty_like(found.whitening)
+    for b, k in enumerate(found.bone):
+        middle = origin[k] + found.offset[b]
+        carried[b] = _nearest(middle[None], origin[k], joints[_END[k]])[0] - origin[k]
+        spread = np.linalg.inv(found.whitening[b].T @ found.whitening[b])
+        level = float(np.sqrt(spread[0, 0] * spread[2, 2]))
+        round_[b] = np.diag([level, spread[1, 1], level])
+        round_[b] = np.linalg.cholesky(np.linalg.inv(round_[b])).T
+    share = found.share * (bone >= 0).sum() / max(voxels, 1)
+    return Blobs(found.bone, carried, round_, share), found.offset - carried
+
+
+def _nearest(points: Floats, a: Floats, b: Floats) -> Floats:
+    """Return (point, 3) the points from a to b that are nearest to points."""
     along = b - a
     t = np.clip((points - a) @ along / (along @ along), 0, 1)
-    return np.linalg.norm(points - a - t[:, None] * along, axis=1)
+    return a + t[:, None] * along
 
 
 def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
@@ -259,6 +357,22 @@ def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
         shank = shank / np.linalg.norm(shank)
         rows.append([_B[side + "Hand"], 1, *shank, *-shank, 0.0])
     return np.array(rows)
+
+
+def settle_joints(
+    model: FitModel, samples: Iterable[tuple[Sample, Pose]], settings: FitSettings
+) -> FitModel:
+    """Return the body with its joints where fitted frames have their centers of rotation."""
+    frames = (weigh_blobs(model, sample, pose, settings)[0] for sample, pose in samples)
+    stiffness = settings.foreseen * _FORESEEN
+    moved = move_centers(frames, model.left, model.stature, stiffness, settings.centers)
+
+    def rides(blobs: Blobs) -> Blobs:
+        return replace(blobs, offset=blobs.offset - moved[blobs.bone])
+
+    return replace(
+        model, origin=model.origin + moved, blobs=rides(model.blobs), cloth=rides(model.cloth)
+    )
 
 
 def middles(model: FitModel, pose: Pose) -> Floats:

@@ -43,7 +43,7 @@ class Blobs:
     @property
     def reach(self) -> Floats:
         """(blob,) square of the distance, m**2, beyond which a blob weighs nothing."""
-        least = np.linalg.svd(self.whitening, compute_uv=False).min(1)
+        least = np.linalg.svd(self.whitening, compute_uv=False).min(1, initial=np.inf)
         return _FARTHEST / least**2
 
 
@@ -108,10 +108,10 @@ def make_blobs(
             found.append((k, middle, np.asarray(whitening, np.float64), share))
     share = np.array([f[3] for f in found])
     return Blobs(
-        np.array([f[0] for f in found]),
-        np.stack([f[1] for f in found]),
-        np.stack([f[2] for f in found]),
-        share / share.sum(),
+        np.array([f[0] for f in found], np.int64),
+        np.array([f[1] for f in found]).reshape(-1, 3),
+        np.array([f[2] for f in found]).reshape(-1, 3, 3),
+        share / max(share.sum(), 1.0),
     )
 
 
@@ -123,17 +123,20 @@ def place_blobs(blobs: Blobs, joints: Floats, rotation: Floats) -> tuple[Floats,
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def share_out(points: Any, blobs: Any, reach: Any, factor: Any, nobody: float, sums: Any) -> float:
+def share_out(points: Any, look: Any, blobs: Any, weigh: Any, nobody: float, sums: Any) -> float:
     """Share voxels out among blobs; return the mean log likelihood of a voxel.
 
     points : (voxel, 3)
+    look : likeness (voxel, kind) of each voxel's color to each kind of blob, and kind (blob,)
     blobs : mean (blob, 3) and whitening (blob, 3, 3) of `place_blobs`
-    reach : (blob,) square of the distance beyond which a voxel is none of the blob's
-    factor : (blob,) what a voxel in the blob's middle weighs
+    weigh : square of the distance (blob,) beyond which a voxel is none of the blob's, and what a
+        voxel in the blob's middle weighs (blob,)
     nobody : what the uniform class weighs
     sums : (blob, 4) written: sum of the shares, and of shares times places
     """
     mean, whitening = blobs
+    likeness, kind = look
+    reach, factor = weigh
     count = mean.shape[0]
     sums[:] = 0.0
     weight = np.empty(count)
@@ -153,7 +156,7 @@ def share_out(points: Any, blobs: Any, reach: Any, factor: Any, nobody: float, s
             w = whitening[b, 2, 0] * x + whitening[b, 2, 1] * y + whitening[b, 2, 2] * z
             squared = u * u + v * v + w * w
             if squared < _FARTHEST:
-                weight[found] = factor[b] * np.exp(-0.5 * squared)
+                weight[found] = factor[b] * likeness[i, kind[b]] * np.exp(-0.5 * squared)
                 all_weights += weight[found]
                 near[found] = b
                 found += 1

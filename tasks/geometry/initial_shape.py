@@ -22,10 +22,10 @@ SLEEVE_REACH = 0.87
 """Where a sleeve that hides the hand ends, in half spans: between wrist and knuckles."""
 SLOPE_SPREAD = 0.05
 """Usual tangent of an arm from straight sideways, when somebody is asked to stretch it."""
-SHOULDER_SHARE = 0.18
+SHOULDER_SHARE = 0.20
 """Shoulder from the middle, in half spans: 0.23 by Drillis and Contini for the outer end of the
 collar bone, whose joint is farther in; rigs of motion capture have 0.15 to 0.22."""
-UPPER_ARM_SHARE, FOREARM_SHARE = 0.413, 0.363
+UPPER_ARM_SHARE, FOREARM_SHARE = 0.40, 0.37
 """Of the arm from shoulder to finger tip; 0.423 and 0.332 by Drillis and Contini to a stretched
 finger, 0.38 to 0.42 and 0.35 to 0.40 in rigs."""
 SPAN_PER_STATURE = 1.03
@@ -33,13 +33,15 @@ SPAN_PER_STATURE = 1.03
 HEAD_ABOVE_ARMS = 0.20
 """Top of the head over the line of stretched arms, in statures: 0.182 by Drillis and Contini to
 the shoulders' upper ends; with the span it tells the stature of somebody who crouches."""
-NECK_SHARE = 0.20
-"""Base of the neck above the line of the arms, of what the top of the head is above it."""
+NECK_SHARE = 0.25
+"""Base of the neck above the line of the arms, of what the top of the head is above it: where the
+shoulders' slopes meet the neck."""
 HIPS_BELOW_TOP = 0.495
 """From the top of the head to the middle of the hips, in statures: 0.470 by Drillis and Contini
 to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
-TIP_INSIDE = 0.015
-"""How far a finger's tip joint lies inside the hull's end, in half spans: a finger's radius."""
+TIP_INSIDE = 0.035
+"""How far a finger's tip joint lies inside the hull's end, in half spans: 2.5 cm, a finger's radius
+and what a hull of pixels of 1 cm is too long."""
 WAIST_SHARE = 0.56
 """Where the loins begin, from the base of the neck to the hips."""
 HIP_SHARE = 0.0575
@@ -213,6 +215,10 @@ def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | 
     head[1] = top + voxel_m / 2
     above = head[1] - shoulders[1]
     neck = shoulders + NECK_SHARE * above * up
+    section = (abs(height - neck[1]) < 0.03 * half) & (abs(aside) < 0.12 * half)
+    section &= abs(ahead) < 0.25 * half  # sleeves draw the arms' line forward, not the neck
+    if section.any():
+        neck += (np.mean(point[section] @ arms.front) - neck @ arms.front) * arms.front
     low = height.min() - voxel_m / 2
     extent = head[1] - low
     by_span, by_head = 2.0 * half / SPAN_PER_STATURE, above / HEAD_ABOVE_ARMS

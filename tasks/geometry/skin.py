@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
 
 NO_CAMERA = 255
 """The camera of a surface voxel whose color is not its own."""
@@ -24,11 +25,6 @@ NEEDED_JOINTS = ("Head", "Neck", "RShoulder", "LShoulder", "RFin", "LFin")
 
 _HAND_LENGTH = 0.108
 """From wrist to fingertip, in statures (Drillis and Contini 1966)."""
-
-_CHROMA_STEP = 0.02
-_LIGHT_STEP = 32
-_SHAPE = (100, 150, 8)
-_ZERO = (50, 50, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +55,6 @@ class SkinSettings:
     head_radius: float = 0.08
     """Distance from the line through neck and head within which a voxel is the head's, in
     statures; a head of 1.7 m is 20 cm deep."""
-
-    floor: float = 2e-5
-    """Probability of a color never seen, of hands and of clothes: it has a ratio of one."""
 
     most: float = 4.0
     """Largest logarithm of the ratio: a color seen on hands only is 55 times likelier there."""
@@ -131,13 +124,13 @@ def learn_skin(
         find_skin_parts(frame.center[frame.camera != NO_CAMERA], joints, stature_m, settings)
         for frame in frames
     ]
-    kind, cell = np.concatenate(kinds), _cells(np.concatenate(colors))
+    kind, cell = np.concatenate(kinds), color_cells(np.concatenate(colors))
     hand, face, other = (cell[kind == k] for k in (_HAND, _FACE, _OTHER))
     hand_table, hand_known = _learn(hand, face, other, settings)
     face_table, face_known = _learn(face, hand, other, settings)
     steps = np.arange(2, 256, 4, dtype=np.uint8)
     every = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    place = tuple(_cells(every).T)
+    place = color_cells(every)
     hand_known *= min(1.0, len(hand) / max(settings.few * len(face), 1.0))
     if hand_known < settings.useless * face_known:  # unlike the face, or not in the hull at all
         hand_table, hand_known = face_table, settings.useless * face_known
@@ -237,29 +230,12 @@ def _along(
     return along, np.linalg.norm(center - begin - along[:, None] * way, axis=1)
 
 
-def _cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Return (color, 3) cells of the histograms: two chromaticities and lightness."""
-    r, g, b = np.asarray(color, np.float32).T
-    total = np.maximum(r + g + b, 24.0)  # black has no chromaticity
-    cells = np.stack([(r - g) / total, (r + g - 2.0 * b) / (2.0 * total)], axis=1) / _CHROMA_STEP
-    light = (0.3 * r + 0.59 * g + 0.11 * b) / _LIGHT_STEP
-    cells = np.floor(np.column_stack([cells, light]) + _ZERO).astype(np.intp)
-    return np.clip(cells, 0, np.subtract(_SHAPE, 1))
-
-
-def _histogram(cell: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return how many colors fall into each cell, spread over the cells around it."""
-    count = np.bincount(np.ravel_multi_index(tuple(cell.T), _SHAPE), minlength=np.prod(_SHAPE))
-    return ndimage.gaussian_filter(count.reshape(_SHAPE).astype(np.float64), 0.8, truncate=3.0)
-
-
 def _ratio(
     own: NDArray[np.float64], other: NDArray[np.float64], settings: SkinSettings
 ) -> NDArray[np.float32]:
-    """Return the logarithm of the ratio of two distributions."""
-    share = [h / max(float(h.sum()), 1.0) + settings.floor for h in (own, other)]
-    logarithm = np.log(share[0]) - np.log(share[1])
-    return np.clip(logarithm, settings.least, settings.most).astype(np.float32)
+    """Return the logarithm of the ratio of two distributions, between its limits."""
+    ratio = log_ratio(own, other)
+    return np.clip(ratio, settings.least, settings.most).astype(np.float32)
 
 
 def _learn(
@@ -269,18 +245,32 @@ def _learn(
 
     What the other skin, `lent`, shares with one's own is taken in.
     """
-    counts, others = _histogram(own), _histogram(other)
-    alike = _ratio(counts, others, settings)[tuple(lent.T)] > 0.0
-    ratio = _ratio(counts + _histogram(lent[alike]), others, settings)
-    return ratio, _separability(ratio, own, other)
+    counts, others = count_colors(own), count_colors(other)
+    alike = _ratio(counts, others, settings)[lent] > 0.0
+    ratio = _ratio(counts + count_colors(lent[alike]), others, settings)
+    return ratio, separability(ratio, own, other)
 
 
-def _separability(
-    ratio: NDArray[np.float32], own: NDArray[np.intp], other: NDArray[np.intp]
+def separability(
+    ratio: NDArray[np.floating],
+    own: NDArray[np.intp],
+    other: NDArray[np.intp],
+    *,
+    least: float = 1.0,
 ) -> float:
-    """Return the share of own colors that are recognized less that of others."""
+    """Return the share of own colors that are recognized less that of others.
+
+    Parameters
+    ----------
+    ratio : (cell,) float
+        Logarithm of how much likelier a color is one's own.
+    own, other : (color,) int
+        Cells of colors.
+    least
+        Ratio from which a color is recognized.
+    """
     if not len(own):
         return 0.0
-    known = np.mean(ratio[tuple(own.T)] > 1.0)
-    mistaken = np.mean(ratio[tuple(other.T)] > 1.0) if len(other) else 0.0
+    known = np.mean(ratio[own] > least)
+    mistaken = np.mean(ratio[other] > least) if len(other) else 0.0
     return float(np.clip(known - mistaken, 0.0, 1.0))

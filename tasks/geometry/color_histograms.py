@@ -1,0 +1,66 @@
+"""Histograms of colors, and what a color says of where it is worn.
+
+Colors are two chromaticities, which a change of light leaves alone, and a coarse lightness.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+CHROMA_STEP = 0.02
+LIGHT_STEP = 32
+SHAPE = (100, 150, 8)
+_ZERO = (50, 50, 0)
+
+LEAST_PROBABILITY = 2e-5
+"""Probability of a color never seen, of whatever: it has a ratio of one."""
+
+
+def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Return (color,) the cell of the histograms that each RGB color (color, 3) falls into."""
+    r, g, b = np.asarray(color, np.float32).T
+    total = np.maximum(r + g + b, 24.0)  # black has no chromaticity
+    cells = np.stack([(r - g) / total, (r + g - 2.0 * b) / (2.0 * total)], axis=1) / CHROMA_STEP
+    light = (0.3 * r + 0.59 * g + 0.11 * b) / LIGHT_STEP
+    cells = np.floor(np.column_stack([cells, light]) + _ZERO).astype(np.intp)
+    return np.ravel_multi_index(tuple(np.clip(cells, 0, np.subtract(SHAPE, 1)).T), SHAPE)
+
+
+def count_colors(cell: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return (cell,) how many colors fall into each cell, spread over the cells around it."""
+    count = np.bincount(cell, minlength=np.prod(SHAPE)).reshape(SHAPE).astype(np.float64)
+    return ndimage.gaussian_filter(count, 0.8, truncate=3.0).reshape(-1)
+
+
+def log_ratio(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (cell,) the logarithm of the ratio of two distributions, given as counts."""
+    share = [h / max(float(h.sum()), 1.0) + LEAST_PROBABILITY for h in (own, other)]
+    return np.log(share[0]) - np.log(share[1])
+
+
+def learn_likeness(
+    color: NDArray[np.uint8], group: NDArray[np.integer], groups: int, *, most: float
+) -> NDArray[np.float32]:
+    """Return (cell, group) how much likelier each color is in a group than anywhere.
+
+    Parameters
+    ----------
+    color : (voxel, 3) uint8
+        RGB.
+    group : (voxel,) int
+        Of each, from 0; what is negative is in none, but somewhere.
+    groups
+        How many there are; one without voxels has ratios of 1.
+    most
+        Ratios are between 1 / most and most.
+    """
+    cell = color_cells(color)
+    everywhere = count_colors(cell)
+    likeness = np.ones((len(everywhere), groups), np.float32)
+    limit = np.log(most)
+    for k in range(groups):
+        own = cell[group == k]
+        if len(own):
+            ratio = log_ratio(count_colors(own), everywhere)
+            likeness[:, k] = np.exp(np.clip(ratio, -limit, limit))
+    return likeness

@@ -184,6 +184,43 @@ def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:
     return np.where(frame.camera != NO_CAMERA, np.clip(ratio, -1.0, 2.0), 0.0)
 
 
+def find_lumps(
+    cells: Cells,
+    table: int,
+    reference: float,
+    radius_m: float,
+    apart_m: float,
+    least: tuple[float, float, int],
+) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Return for each lump a cell near it, its place, and its mass by the reference; most first.
+
+    Parameters
+    ----------
+    cells
+        The surface.
+    table
+        Which of its sums.
+    reference
+        The mass of a whole one.
+    radius_m, apart_m
+        Of a lump, and the least distance of two.
+    least
+        Mass of a cell that lumps are looked for around and of a lump, by the reference, and how
+        many lumps there are at most.
+    """
+    seeds = np.flatnonzero(cells.hot[table] > least[0] * reference)
+    weighed = (cells.hot_center[table], cells.mass[table], cells.hot[table])
+    mass, middle = sum_balls(cells, seeds, weighed[0][seeds], radius_m, weighed)
+    chosen: list[int] = []
+    alive = mass > least[1] * reference
+    while alive.any() and len(chosen) < least[2]:
+        best = int(np.argmax(np.where(alive, mass, -np.inf)))
+        chosen.append(best)
+        alive &= distances(middle, middle[best]) > apart_m
+    mass, place = sum_balls(cells, seeds[chosen], middle[chosen], radius_m, weighed)
+    return seeds[chosen], place, mass / reference
+
+
 def _lumps(
     cells: Cells,
     table: int,
@@ -191,22 +228,9 @@ def _lumps(
     stature_m: float,
     settings: CandidateSettings,
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return for each lump a cell near it, its place, and its skin by the reference; most first.
-
-    Table 0: lumps of a hand's size and colors; 1: of a face's.
-    """
+    """Return as `find_lumps`; table 0: of a hand's size and colors; 1: of a face's."""
     radius = (settings.hand_radius, settings.face_radius)[table]
     most = (settings.hands, settings.faces)[table]
-    seeds = np.flatnonzero(cells.hot[table] > settings.least_seed * reference)
-    weighed = (cells.hot_center[table], cells.mass[table], cells.hot[table])
-    radius_m = radius * stature_m
-    mass, middle = sum_balls(cells, seeds, weighed[0][seeds], radius_m, weighed)
     apart_m = max(settings.apart, 0.75 * radius) * stature_m
-    chosen: list[int] = []
-    alive = mass > settings.least_mass * reference
-    while alive.any() and len(chosen) < most:
-        best = int(np.argmax(np.where(alive, mass, -np.inf)))
-        chosen.append(best)
-        alive &= distances(middle, middle[best]) > apart_m
-    mass, place = sum_balls(cells, seeds[chosen], middle[chosen], radius_m, weighed)
-    return seeds[chosen], place, mass / reference
+    least = (settings.least_seed, settings.least_mass, most)
+    return find_lumps(cells, table, reference, radius * stature_m, apart_m, least)

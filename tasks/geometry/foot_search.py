@@ -1,0 +1,209 @@
+"""Where the feet are in every frame of a take, by the colors that they have in the first frames.
+
+What hides legs, a skirt or a kimono, ends above the feet: where they differ in color from what is
+above them they are found as hands are (`extremities`), and the knees follow.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
+from tasks.geometry.extremity_candidates import find_lumps
+from tasks.geometry.extremity_paths import Motion, best_paths
+from tasks.geometry.skin import NO_CAMERA, SurfaceFrame, separability
+from tasks.geometry.surface_cells import gather_cells
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FootSettings:
+    """Everything that changes where feet are found; lengths in statures."""
+
+    cell: float = 0.0125
+    """Edge of a cell of the surface, 2 cm."""
+
+    radius: float = 0.05
+    """Ball that holds most of a foot, 8 cm; what is so near the line from heel to toe is one."""
+
+    apart: float = 0.05
+    """Least distance of two feet's middles: a foot's width."""
+
+    highest: float = 0.4
+    """Above the lowest voxel: higher, skin is a hand's; a foot kicked higher is not seen."""
+
+    least_mass: float = 0.2
+    """Foot's colors in the ball below which there is none, as a share of the initial foot's."""
+
+    most: int = 5
+    """Most places a frame."""
+
+    unseen: float = 2.0
+    """Cost of a frame (at 30 Hz) in which a foot is not seen, nats: as of a hand."""
+
+    none: float = 3.0
+    """Cost of a frame in which a foot is where none of its colors are."""
+
+    side: float = 0.06
+    """Cost of a frame in which a foot is as far on the other side as feet typically are on their
+    own: less than of a hand, for who stands with crossed legs stands so for long."""
+
+    typical_side: float = 0.06
+    """How far to its side a foot typically is: the hip's."""
+
+    together: float = 2.0
+    """Cost of a frame in which both feet are one lump."""
+
+    motion: Motion = field(default_factory=Motion)
+
+
+@dataclass(frozen=True, eq=False)
+class FootColors:
+    """What colors the feet have that the legs have not."""
+
+    ratio: NDArray[np.float32]
+    """(cell of `color_histograms`,) logarithm of how much likelier a color is on a foot."""
+
+    known: float
+    """Share of the feet's voxels that are recognized less that of the legs': 0 says nothing."""
+
+    mass: float
+    """Of one foot in the first frames: the sum of its voxels' ratios."""
+
+    place: Floats
+    """(2, 3) the middle of the right and the left foot in the first frames, m."""
+
+
+def learn_feet(
+    frames: Sequence[SurfaceFrame],
+    joints: Mapping[str, Floats],
+    stature_m: float,
+    settings: FootSettings,
+) -> FootColors | None:
+    """Return the colors of the feet of frames that stand as the joints say.
+
+    Parameters
+    ----------
+    frames
+        Of the initial model, or near it.
+    joints : mapping of (3,) float64
+        Metres, by name; both feet's toes and ankles or heels are wanted.
+    stature_m
+        The performer's height.
+    settings
+        What is a foot.
+
+    Returns
+    -------
+    FootColors or None
+        None where the joints have no feet, or no foot shows.
+    """
+    names = [side + name for side in "RL" for name in ("Heel", "Foot")]
+    if not all(np.isfinite(joints.get(name, np.nan)).all() for name in names):
+        return None
+    ends = [(joints[side + "Heel"], joints[side + "Foot"]) for side in "RL"]
+    cells, kinds, places = [], [], []
+    for frame in frames:
+        own = frame.camera != NO_CAMERA
+        center = frame.center[own]
+        if not len(center):
+            continue
+        low = center[:, 1] < center[:, 1].min() + settings.highest * stature_m
+        kind = np.full(len(center), -1)
+        kind[low] = 0
+        for number, (heel, toe) in enumerate(ends, 1):
+            way = np.subtract(toe, heel)
+            along = np.clip((center - heel) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+            away = np.linalg.norm(center - heel - along[:, None] * way, axis=1)
+            kind[low & (away < settings.radius * stature_m)] = number
+        if (kind == 1).any() and (kind == 2).any():
+            cells.append(color_cells(frame.color[own]))
+            kinds.append(kind)
+            places.append([center[kind == number].mean(0) for number in (1, 2)])
+    if not places:
+        return None
+    cell, kind = np.concatenate(cells), np.concatenate(kinds)
+    feet, legs = cell[kind > 0], cell[kind == 0]
+    ratio = np.clip(log_ratio(count_colors(feet), count_colors(legs)), -1.0, 2.0)
+    known = separability(ratio, feet, legs, least=0.5)
+    mass = float(np.maximum(ratio[feet], 0.0).sum()) / (2 * len(cells))
+    place = np.median(np.array(places), axis=0)
+    return FootColors(ratio.astype(np.float32), known, max(mass, 1.0), place)
+
+
+def find_feet_of(
+    frame: SurfaceFrame, colors: FootColors, stature_m: float, settings: FootSettings
+) -> tuple[Floats, Floats]:
+    """Return (candidate, 3) where a foot could be in a frame, m, and (candidate,) how much of one.
+
+    1 is as much as in the first frames.
+    """
+    own = frame.camera != NO_CAMERA
+    if own.any():
+        own &= frame.center[:, 1] < frame.center[own, 1].min() + settings.highest * stature_m
+    if not own.any():
+        return np.empty((0, 3)), np.empty(0)
+    ratio = colors.ratio[color_cells(frame.color[own])].astype(np.float64)
+    cells = gather_cells(frame.center[own], ratio[None], settings.cell * stature_m)
+    _, place, mass = find_lumps(
+        cells, 0, colors.mass, settings.radius * stature_m, settings.apart * stature_m,
+        (0.01, settings.least_mass, settings.most),
+    )  # fmt: skip
+    return place, mass
+
+
+def choose_feet(
+    candidates: Sequence[tuple[Floats, Floats]],
+    colors: FootColors,
+    face: Floats,
+    facing: Floats,
+    rate_hz: float,
+    stature_m: float,
+    initial_frame: int,
+    settings: FootSettings,
+) -> tuple[Floats, Floats]:
+    """Return where the right and the left foot are, one best path of both (Viterbi).
+
+    Parameters
+    ----------
+    candidates
+        As `find_feet_of` returned them, a frame each.
+    colors
+        Of the feet.
+    face, facing : (time, 3) float64
+        Where the face is, m, and where it looks; NaN where unseen.
+    rate_hz, stature_m, initial_frame
+        Of the take.
+    settings
+        What is likely.
+
+    Returns
+    -------
+    position : (time, 2, 3) float64
+        Metres; NaN where a foot is not seen.
+    weight : (time, 2) float64
+        0 to 1: how sure that is.
+    """
+    pace = 30.0 / rate_hz
+    spot = [place / stature_m for place, _ in candidates]
+    costs = []
+    for (place, mass), seen, front in zip(candidates, face, facing, strict=True):
+        left = np.array([front[2], 0.0, -front[0]])
+        aside = np.nan_to_num((place - seen) @ left / stature_m / settings.typical_side)
+        side = settings.side * np.clip(aside, -1.5, 1.5)
+        own = colors.known * settings.none * (1.0 - np.clip(2.0 * mass, 0.0, 1.0))
+        costs.append(((own + side) * pace, (own - side) * pace))
+    position, weight, _ = best_paths(
+        (spot, spot),
+        ([right for right, _ in costs], [left for _, left in costs]),
+        (colors.place[0] / stature_m, colors.place[1] / stature_m),
+        initial_frame,
+        1.0 / rate_hz,
+        settings.motion,
+        (settings.unseen * pace, settings.unseen * pace),
+        together=settings.together * pace,
+    )
+    return position * stature_m, weight * colors.known

@@ -20,10 +20,18 @@ from tasks.geometry.initial_shape import (
     reach_of_head,
     vote_facing,
 )
-from tasks.geometry.initial_shape_legs import Depths, find_feet, measure_depths, measure_leg
+from tasks.geometry.initial_shape_legs import (
+    Depths,
+    Leg,
+    find_feet,
+    measure_depths,
+    measure_leg,
+)
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 Points = NDArray[np.float64]
+
+_CROSSED = 3.0  # legs fit so much worse that stand as their feet do: they are crossed
 
 
 def find_joints(
@@ -84,16 +92,34 @@ def find_joints(
     crop = np.zeros(cells.max(axis=0) - begin + 2, np.uint8)
     crop[tuple((cells - begin).T)] = 1
     depths = measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
-    for side, name in enumerate("RL"):
-        hip = trunk.hips + (2 * side - 1) * HIP_SHARE * trunk.stature_m * arms.left
-        leg = measure_leg(feet[side], hip, arms.front, depths, trunk.stature_m)
-        joints |= {f"{name}Hip": hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
-        joints |= {f"{name}Heel": leg.heel, f"{name}Foot": leg.toe}
+    joints |= _place_legs(feet, arms, trunk, depths)
     inside = _share_inside(joints, depths)
     if inside < 0.9:
         notes.append(f"Only {inside:.0%} of the bones lie inside the hull: look at the picture.")
     sure = min(1.0, 2.0 * abs(vote)) * inside**2 * (1.0 if longer == 1.0 else 0.5)
     return joints, sure, notes
+
+
+def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) -> dict[str, Points]:
+    """Return the joints of the legs; feet one before the other may be the other way round."""
+    hips = [
+        trunk.hips + (2 * side - 1) * HIP_SHARE * trunk.stature_m * arms.left for side in range(2)
+    ]
+
+    def measure(feet: list[Points]) -> list[Leg]:
+        return [
+            measure_leg(foot, hip, arms.front, depths, trunk.stature_m)
+            for foot, hip in zip(feet, hips, strict=True)
+        ]
+
+    ways = [measure(feet), measure(feet[::-1])]
+    cost = [sum(leg.cost for leg in legs) for legs in ways]
+    chosen = ways[0] if cost[0] <= cost[1] + _CROSSED else ways[1]
+    joints = {}
+    for name, leg in zip("RL", chosen, strict=True):
+        joints |= {f"{name}Hip": leg.hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
+        joints |= {f"{name}Heel": leg.heel, f"{name}Foot": leg.toe}
+    return joints
 
 
 def _share_inside(joints: dict[str, Points], depths: Depths) -> float:

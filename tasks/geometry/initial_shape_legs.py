@@ -37,6 +37,8 @@ class Leg:
     ankle: Points
     heel: Points
     toe: Points
+    cost: float
+    """How badly the knee fits lengths and hull: of a usual leg 0.1 to 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +109,8 @@ def measure_leg(foot: Points, hip: Points, front: Points, depths: Depths, statur
     along /= max(float(np.linalg.norm(along)), 1e-9)
     ankle = heel + 0.25 * FOOT_LENGTH * stature_m * along
     ankle[1] = foot[:, 1].min() + ANKLE_HEIGHT * stature_m
-    knee = _find_knee(hip, ankle, front, depths, stature_m)
-    return Leg(hip, knee, ankle, heel, toe)
+    knee, cost = _find_knee(hip, ankle, front, depths, stature_m)
+    return Leg(hip, knee, ankle, heel, toe, cost)
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:
@@ -134,8 +136,8 @@ def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, P
 
 def _find_knee(
     hip: Points, ankle: Points, front: Points, depths: Depths, stature_m: float
-) -> Points:
-    """Return where a knee lies deepest in the hull at about the right lengths."""
+) -> tuple[Points, float]:
+    """Return where a knee lies deepest in the hull at about the right lengths, and the cost."""
     down = ankle - hip
     length = max(float(np.linalg.norm(down)), 1e-6)
     down = down / length
@@ -143,6 +145,7 @@ def _find_knee(
     ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
     aside = np.cross(down, ahead)
     best = hip + THIGH_SHARE / (THIGH_SHARE + SHANK_SHARE) * length * down
+    least = np.inf
     part = np.linspace(0.1, 1.0, 10)[:, None, None]
     for reach, count in ((0.24, 17), (0.03, 9)):
         steps = np.linspace(-reach, reach, count) * stature_m
@@ -156,5 +159,5 @@ def _find_knee(
         backward = np.clip(-(knee - hip) @ ahead / stature_m, 0.0, None)
         off = ((knee - hip) @ aside / (KNEE_ASIDE * stature_m)) ** 2
         cost = wrong + 60.0 * (lack**2).mean(axis=0) + 100.0 * backward + off
-        best = knee[int(np.argmin(cost))]
-    return best
+        best, least = knee[int(np.argmin(cost))], float(cost.min())
+    return best, least

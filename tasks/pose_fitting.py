@@ -53,7 +53,7 @@ Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[n
 
 _logger = logging.getLogger(__name__)
 
-_CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand"))
+_CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand", "RFoot", "LFoot"))
 
 # right and left wear the same, and light that falls from one side is no mark of it
 _PAIRED = np.array([0, 1, 2, 3, 4, 3, 4, 7, 8, 7, 8, 11, 11, 13, 13, -1])
@@ -89,6 +89,9 @@ class PoseSettings:
 
     face_pull: float = 20.0
     """The same of the face."""
+
+    foot_pull: float = 8.0
+    """The same of a foot: little, for voxels place a foot that they have better."""
 
     pull_within: float = 0.15
     """Distance from which the pull of a place seen weakens."""
@@ -183,9 +186,9 @@ def fit_poses(
     surfaces
         Gives for a frame which of its voxels (voxel,) are on the surface, and color (surface
         voxel, 3) and camera (surface voxel,) of these. Without it, colors say nothing.
-    cues : (time, 3, 3) float64
-        Where face, right hand and left hand were seen, m; NaN where they were not.
-    cue_weights : (time, 3) float64
+    cues : (time, 5, 3) float64
+        Where face, right and left hand, right and left foot were seen, m; NaN where they were not.
+    cue_weights : (time, 5) float64
         How sure that is, 0 to 1.
 
     Raises
@@ -261,7 +264,7 @@ class _Take:
         chosen = slice(step // 2, None, step)
         points = voxel_centers(self.grid, index[chosen])
         likeness = np.ones((len(points), len(BONES) + 1), np.float32)
-        if self.surfaces is not None:
+        if self.surfaces is not None and self.looks is not None:
             is_surface, color, camera = self.surfaces(frame)
             number = np.cumsum(is_surface)[chosen] - 1
             own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
@@ -273,7 +276,8 @@ class _Take:
         found: list[Target] = []
         if self.cues is None:
             return found
-        pull = (self.settings.face_pull, self.settings.hand_pull, self.settings.hand_pull)
+        pulls = self.settings
+        pull = (pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2)
         scale = 1.7 / self.model.stature
         for i, k in enumerate(_CUE_BONES):
             offset = self.cues[self.initial_frame, i] - self.model.origin[k]
@@ -310,9 +314,9 @@ def _follow(take: _Take, frames: Sequence[int], start: Pose) -> list[Fit]:
 
 
 def _find_again(take: _Take, fit: Fit, sample: Sample, targets: Sequence[Target]) -> Fit:
-    """Return the fit, or a better one in which a lost arm is elsewhere."""
+    """Return the fit, or a better one in which a lost limb is elsewhere."""
     settings, model = take.settings, take.model
-    for limb in LIMBS[:2]:
+    for limb in LIMBS:
         target = next((t for t in targets if t.bone == limb.end), None)
         if target is None:
             continue
@@ -346,32 +350,33 @@ def _merge(take: _Take, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pose
         cost = (explained.max(0) - explained) / settings.unexplained
         return choose_fits(cost, [a[:, bones] for a in at], step)
 
-    worths = [
-        [worth(model, fit, take.targets(t)) for t, fit in enumerate(fits)] for fits in both
-    ]
+    worths = [[worth(model, fit, take.targets(t)) for t, fit in enumerate(fits)] for fits in both]
     chosen = choose(trunk, np.array(worths))
     merged = [both[chosen[t]][t].pose for t in range(len(first))]
     for bones in limbs:
-
-        def explain(t: int, bones: list[int] = bones) -> tuple[float, float]:
-            apart = np.linalg.norm(at[0][t, bones] - at[1][t, bones], axis=1).max()
-            if apart < settings.alike * model.stature:
-                return 0.0, 0.0
-            sample, targets = take.sample(t), take.targets(t)
-            poses = [_with_limb(merged[t], fits[t].pose, bones) for fits in both]
-            fits = [
-                fit_frame(model, sample, pose, pose, settings=settings.fit, steps=0, widening=1.0)
-                for pose in poses
-            ]
-            return worth(model, fits[0], targets), worth(model, fits[1], targets)
-
-        with ThreadPoolExecutor() as pool:
-            explained = np.array(list(pool.map(explain, range(len(first))))).T
+        explained = _explain_limb(take, merged, both, bones)
         chosen = choose(bones, explained)
-        merged = [
-            _with_limb(pose, both[chosen[t]][t].pose, bones) for t, pose in enumerate(merged)
-        ]
+        merged = [_with_limb(pose, both[chosen[t]][t].pose, bones) for t, pose in enumerate(merged)]
     return merged
+
+
+def _explain_limb(
+    take: _Take, poses: Sequence[Pose], both: Sequence[Sequence[Fit]], bones: list[int]
+) -> Floats:
+    """Return (fit, time) how well poses explain their frames with a limb as either fit has it."""
+    model = take.model
+
+    def explain(t: int) -> tuple[float, float]:
+        at = [middles(model, fits[t].pose)[bones] for fits in both]
+        if np.linalg.norm(at[0] - at[1], axis=1).max() < take.settings.alike * model.stature:
+            return 0.0, 0.0
+        sample, targets, fit = take.sample(t), take.targets(t), take.settings.fit
+        tried = [_with_limb(poses[t], fits[t].pose, bones) for fits in both]
+        fits = [fit_frame(model, sample, p, p, settings=fit, steps=0, widening=1.0) for p in tried]
+        return worth(model, fits[0], targets), worth(model, fits[1], targets)
+
+    with ThreadPoolExecutor() as pool:
+        return np.array(list(pool.map(explain, range(len(poses))))).T
 
 
 def _with_limb(pose: Pose, other: Pose, bones: list[int]) -> Pose:
@@ -416,12 +421,12 @@ def _settle_joints(take: _Take, poses: Sequence[Pose]) -> FitModel:
     step = max(1, len(poses) // take.settings.joint_frames)
     frames = [t for t in range(0, len(poses), step)]
     samples = ((take.sample(t), poses[t]) for t in frames)
-    return settle_joints(take.model, ((s, p) for s, p in samples if len(s.points)), take.settings.fit)
+    return settle_joints(
+        take.model, ((s, p) for s, p in samples if len(s.points)), take.settings.fit
+    )
 
 
-def _describe(
-    take: _Take, fits: Sequence[Fit], placed: Floats, origin: Floats
-) -> FittedPoses:
+def _describe(take: _Take, fits: Sequence[Fit], placed: Floats, origin: Floats) -> FittedPoses:
     model = take.model
     initial = placed.copy()
     for k, name in enumerate(PROXIMAL):
@@ -475,8 +480,8 @@ def _check(
             "a label for each"
         )
     for name, value, shape in (
-        ("cues", cues, (runs.frames, 3, 3)),
-        ("cue_weights", cue_weights, (runs.frames, 3)),
+        ("cues", cues, (runs.frames, 5, 3)),
+        ("cue_weights", cue_weights, (runs.frames, 5)),
     ):
         if value is not None and value.shape != shape:
             raise ValueError(

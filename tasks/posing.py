@@ -255,8 +255,9 @@ def _fit_jointly(
         start["position"],
         start["label"],
         initial_frame=initial_frame,
-        cues=seen.position,
-        cue_weights=seen.weight,
+        surfaces=frames.surface,
+        cues=np.concatenate([seen.position, seen.foot], axis=1),
+        cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
         settings=settings.joint,
     )
     _, axes = local_systems(start["position"])

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from storage.schema import JOINTS
+from storage.schema import JOINTS, SEGMENTS
 from tasks.geometry import articulated, blobs, limb_search
 from tasks.geometry.articulated import BONES, PARENT, Pose
+from tasks.geometry.blob_fitting import bones_of_voxels, make_model
 from tasks.geometry.voxels import VoxelGrid, encode_runs
 from tasks.pose_fitting import fit_poses, label_blobs
 
@@ -113,20 +114,23 @@ def test_voxels_share_out_as_in_a_plain_loop(rng):
     mean = rng.normal(size=(5, 3))
     whitening = rng.normal(size=(5, 3, 3)) + 1.5 * np.eye(3)
     factor, nobody = rng.uniform(0.5, 2.0, size=5), 0.03
+    likeness = rng.uniform(0.2, 5.0, size=(40, 3)).astype(np.float32)
+    kind = np.array([0, 2, 1, 1, 0])
     sums = np.empty((5, 4))
     likelihood = blobs.share_out(
-        points, (mean, whitening), np.full(5, np.inf), factor, nobody, sums
+        points, (likeness, kind), (mean, whitening), (np.full(5, np.inf), factor), nobody, sums
     )
     expected, total = np.zeros((5, 4)), 0.0
-    for point in points:
+    for n, point in enumerate(points):
         weight = np.zeros(5)
         for b in range(5):
             squared = float(((whitening[b] @ (point - mean[b])) ** 2).sum())
-            weight[b] = factor[b] * np.exp(-squared / 2) if squared < 18 else 0.0
+            own = factor[b] * likeness[n, kind[b]]
+            weight[b] = own * np.exp(-squared / 2) if squared < 18 else 0.0
         total += np.log(weight.sum() + nobody)
         expected[:, 0] += weight / (weight.sum() + nobody)
         expected[:, 1:] += (weight / (weight.sum() + nobody))[:, None] * point
-    np.testing.assert_allclose(sums, expected, atol=1e-9)
+    np.testing.assert_allclose(sums, expected, atol=1e-6)
     assert likelihood == pytest.approx(total / 40)
     assert 5 < expected[:, 0].sum() < 39
 
@@ -245,6 +249,34 @@ def test_a_waving_figure_is_followed_through_an_empty_frame(waving):
     d = points[:, None] - mean
     nearest = segment[np.einsum("vbi,bij,vbj->vb", d, inverse, d).argmin(1)] + 1
     assert (nearest == label).mean() > 0.9
+
+
+def test_cloth_that_hangs_from_an_arm_stays_below_it(waving):
+    _, _, figures = waving
+    joints, occupied, label = figures[0]
+    points = np.asarray(GRID.origin_m) + np.argwhere(occupied) * GRID.voxel_m
+    sleeve = np.argwhere(np.ones((10, 15, 2))) * GRID.voxel_m + (-0.65, 1.03, -0.02)
+    both = np.concatenate([points, sleeve])
+    labels = np.concatenate([label, np.full(len(sleeve), SEGMENTS.index("RForeArm") + 1)])
+    forward = np.array([0.0, 0.0, 1.0])
+    bone = bones_of_voxels(both, labels, joints, forward)
+    model = make_model(both, bone, joints, forward)
+    k = B("RForeArm")
+    assert set(model.cloth.bone) >= {k}
+    own = model.cloth.bone == k
+    assert (model.hang[own, 1] < -0.05).all()
+    rotation = np.tile(np.eye(3), (len(BONES), 1, 1))
+    rotation[k] = articulated.rotation_of(np.array([0.0, 0.0, -0.9]))  # the forearm rises
+    pose = Pose(model.origin[B("Body")], rotation)
+    placed = articulated.place_bones(pose, model.origin)
+    carried = articulated.carry(pose, placed, model.cloth.bone, model.cloth.offset)[own]
+    along = (carried - placed[k]) @ (rotation[k] @ (-1.0, 0.0, 0.0))
+    aside = np.linalg.norm(
+        carried - placed[k] - along[:, None] * (rotation[k] @ (-1.0, 0, 0)), axis=1
+    )
+    assert (aside < 1e-6).all()
+    bare = make_model(points, bones_of_voxels(points, label, joints, forward), joints, forward)
+    assert bare.cloth.share.sum() < 0.1 * model.cloth.share.sum()
 
 
 def test_arguments_that_do_not_fit_are_named(waving):

@@ -24,8 +24,8 @@ from tasks.geometry.articulated import (
     move,
     place_bones,
 )
-from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
 from tasks.geometry.blobs import Blobs, make_blobs, place_blobs, share_out
+from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
 
 _B = {name: k for k, name in enumerate(BONES)}
 
@@ -318,8 +318,10 @@ def _hang_cloth(
     points: Floats, bone: NDArray[np.integer], body: tuple[Floats, dict[str, Floats]],
     softness_m: float, voxels: int,
 ) -> tuple[Blobs, Floats]:  # fmt: skip
-    """Return blobs of what hangs from bones, as round seen from above as it is wide, and (blob, 3)
-    how far they hang from the point of the bone that carries them."""
+    """Return blobs of what hangs from bones, and (blob, 3) how far below their point of the bone.
+
+    Seen from above they are round: how cloth turns with an arm is not known.
+    """
     origin, joints = body
     found = make_blobs(points, bone, origin, _CLOTHS, softness_m=softness_m)
     carried = np.empty_like(found.offset)
@@ -343,19 +345,29 @@ def _nearest(points: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
-    """Knees bend backwards and hardly sideways; elbows do not fold flat."""
-    rows = []
+    """Return what joints do not do, each row as `articulated.add_priors` takes it.
+
+    Knees bend backwards and hardly sideways; elbows do not fold flat; the head looks over a
+    shoulder at most; hips turn against shoulders by 60 degrees; thighs, shins and feet about their
+    own length by 80, 60 and 53; a hand bends by 80.
+    """
+    rows = [
+        [_B["Head"], 1, *forward, *-forward, -0.17],
+        [_B["Waist"], 1, *left, *-left, -0.5],
+    ]
     for side in "RL":
         shin = joints[side + "Ankle"] - joints[side + "Knee"]
         shin = shin / np.linalg.norm(shin)
         for axis, most in ((forward, 0.1), (left, 0.2), (-left, 0.2)):
             rows.append([_B[side + "LowerLeg"], 1, *shin, *axis, most])
+        for part, cosine in (("UpperLeg", 0.17), ("LowerLeg", 0.5), ("Foot", 0.6)):
+            rows.append([_B[side + part], 1, *left, *-left, -cosine])
         arm = joints[side + "Wrist"] - joints[side + "Elbow"]
         arm = arm / np.linalg.norm(arm)
         rows.append([_B[side + "ForeArm"], 1, *arm, *-arm, 0.9])
         shank = joints[side + "Fin"] - joints[side + "Wrist"]
         shank = shank / np.linalg.norm(shank)
-        rows.append([_B[side + "Hand"], 1, *shank, *-shank, 0.0])
+        rows.append([_B[side + "Hand"], 1, *shank, *-shank, -0.17])
     return np.array(rows)
 
 

@@ -193,11 +193,9 @@ def fit_frame(
     turns = settings.steps if steps is None else steps
     wide = settings.widening if widening is None else widening
     anneal = max(1.0, 0.6 * turns)
-    for turn in range(turns + 1):
+    for turn in range(turns):
         f = wide + (1 - wide) * min(1.0, turn / anneal)
-        seen, likelihood, mass = weigh_blobs(model, sample, pose, settings, f)
-        if turn == turns:
-            break
+        seen, _, _ = weigh_blobs(model, sample, pose, settings, f)
         joints = seen.joints
         system = np.zeros((UNKNOWNS, UNKNOWNS + 1))
         add_points(blobs.bone, seen.mean, seen.information, seen.residual, joints, system)
@@ -206,6 +204,8 @@ def fit_frame(
         system[:3, :3] += np.eye(3) * _ROOT_STAYS
         system[:3, -1] += _ROOT_STAYS * (ahead.root - pose.root)
         pose = _step(pose, system, settings.largest_turn)
+    last = wide + (1 - wide) * min(1.0, turns / anneal)
+    _, likelihood, mass = weigh_blobs(model, sample, pose, settings, last)
     held = np.bincount(blobs.bone, np.minimum(mass, blobs.share), len(BONES))
     whole = np.bincount(blobs.bone, blobs.share, len(BONES))
     return Fit(pose, likelihood - np.log(settings.nobody), held / np.maximum(whole, 1e-9))

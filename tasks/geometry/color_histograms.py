@@ -23,7 +23,8 @@ def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
     cells = np.stack([(r - g) / total, (r + g - 2.0 * b) / (2.0 * total)], axis=1) / CHROMA_STEP
     light = (0.3 * r + 0.59 * g + 0.11 * b) / LIGHT_STEP
     cells = np.floor(np.column_stack([cells, light]) + _ZERO).astype(np.intp)
-    return np.ravel_multi_index(tuple(np.clip(cells, 0, np.subtract(SHAPE, 1)).T), SHAPE)
+    cells = np.clip(cells, 0, np.subtract(SHAPE, 1))
+    return (cells[:, 0] * SHAPE[1] + cells[:, 1]) * SHAPE[2] + cells[:, 2]
 
 
 def count_colors(cell: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -98,7 +98,9 @@ def ingest(prefect_server, tmp_path, capture):
 def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, capture, tmp_path):
     outcome = ingest()
     assert outcome.status == "ingested", outcome.reason
+    assert any("has no pose and is not searched" in note for note in outcome.notes)
     take = open_archive(tmp_path / "archive").take("dancer")
+    assert "motion" not in take.record.stages
     source = read_capture(capture)
     backgrounds = capture_films.read_backgrounds(source)
     [*parts] = capture_films.read_films(source, 0, FRAMES)

@@ -136,7 +136,10 @@ def _add_search(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
-    text = "write joints (TRC, C3D, BVH, CSV) or voxels (PLY) of a take, by the suffix of FILE"
+    text = (
+        "write joints (TRC, C3D, BVH, CSV), voxels (PLY) or the initial model (JSON) of a take, by "
+        "the suffix of FILE"
+    )
     export = _command(commands, "export", _export, text)
     export.add_argument("archive", metavar="ARCHIVE")
     export.add_argument("take", metavar="TAKE")

@@ -5,18 +5,27 @@ Films -> silhouettes -> visual hulls -> colored voxels -> initial model -> poses
 
 import hashlib
 import logging
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from prefect import flow
-from prefect.artifacts import create_progress_artifact, update_progress_artifact
+from prefect.artifacts import (
+    create_image_artifact,
+    create_markdown_artifact,
+    create_progress_artifact,
+    create_table_artifact,
+    update_progress_artifact,
+)
 
 from storage import open_archive
+from storage.archive import Take
 from storage.blocks import block_path, discard_blocks
 from storage.errors import InputError
 from storage.formats.capture import read_capture
+from storage.formats.pictures import encode_png
 from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.assembling import Blocks, assemble_take, is_digitized
@@ -37,6 +46,7 @@ from tasks.fingerprints import fingerprint
 from tasks.importing import publish_take
 from tasks.posing import PosingSettings, fit_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
+from tasks.voxel_exporting import picture_initial
 
 logger = logging.getLogger(__name__)
 
@@ -91,6 +101,7 @@ def digitize_take(
     discard_blocks(opened.place, recording.take, recording.digest)
     record = read_record(opened.place, recording.take)
     assert record is not None  # it was published just now
+    _show(opened.take(recording.take), blocks)
     return {**asdict(record), "published": True}
 
 
@@ -169,6 +180,33 @@ def _pose_blocks(
         )  # fmt: skip
         tell("labels", last)
     return {"initial_model": [initial], "pose": [fitted], "labels": labels}
+
+
+def _show(take: Take, blocks: Blocks) -> None:
+    """Put on the dashboard how long each stage took, what was noted, and the initial model."""
+    record = take.record
+    rows = [
+        {
+            "stage": stage,
+            "blocks": len(parts),
+            "seconds": round(sum(part["seconds"] for part in parts), 1),
+        }
+        for stage, parts in blocks.items()
+    ]
+    create_table_artifact(
+        key="digitized", table=rows, description=f"{record.take}: {record.frames} frames"
+    )
+    said = "\n".join(f"- {note}" for note in record.notes)
+    create_markdown_artifact(
+        key="digitized-notes", markdown=f"# {record.take}\n\n{take.path}\n\n{said}"
+    )
+    if "body" in record.stages:
+        picture = b64encode(encode_png(picture_initial(take))).decode()
+        create_image_artifact(
+            f"data:image/png;base64,{picture}",
+            key="digitized-body",
+            description=f"{record.take}: the joints that the body was measured by",
+        )
 
 
 def _identity(recording: Recording, settings: DigitizationSettings) -> str:

@@ -64,8 +64,8 @@ def render(options: argparse.Namespace, clip: tuple[int, int] | None) -> None:
 def export_voxels_or_segment(
     options: argparse.Namespace, clip: tuple[int, int] | None
 ) -> list[str] | None:
-    """Export voxels or a segment where the options ask for it; return what was written."""
-    from tasks.voxel_exporting import export_segment_motion, export_voxels
+    """Export what is not joints where the options ask for it; return what was written."""
+    from tasks.voxel_exporting import export_initial, export_segment_motion, export_voxels
 
     suffix = Path(options.file).suffix.lower()
     if suffix == ".ply":
@@ -75,6 +75,13 @@ def export_voxels_or_segment(
             options.archive, options.take, options.file,
             frame=clip[0] if clip else None, mesh=options.mesh, segment=options.segment,
         )  # fmt: skip
+    if suffix == ".json":
+        if clip or options.mesh or options.segment:
+            raise ValueError(
+                "an initial model is of one frame and of all segments: leave out --frames, "
+                "--mesh and --segment"
+            )
+        return export_initial(options.archive, options.take, options.file)
     if options.mesh:
         raise ValueError("--mesh is for PLY files; give FILE the suffix .ply")
     if options.segment is None:

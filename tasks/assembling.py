@@ -40,6 +40,14 @@ from tasks.retrieval.normalization import joints_present
 _NO_CAMERA = 255
 _SETTINGS = {"initial_model": "posing", "pose": "posing", "labels": "posing"}
 
+_DOUBTS = {
+    "cut_off": "The performer touches a side of the volume in {}: what is beyond is missing; "
+    "enlarge the [volume].",
+    "unexplained": "Voxels belong to no segment in {}: a limb that the pose has lost, another "
+    "person, or something held.",
+    "doubtful": "The pose is doubtful in {}.",
+}
+
 Blocks = dict[str, list[dict[str, Any]]]
 """What the tasks of a stage returned, in the order of the frames, by stage."""
 
@@ -263,15 +271,17 @@ def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
     """Say how sure the initial model is, and which frames are doubtful."""
     if "pose" not in blocks:
         return []
-    doubtful = np.flatnonzero(read_block(place, blocks["pose"][0])["doubtful"])
+    fit = read_block(place, blocks["pose"][0])
     initial = blocks["initial_model"][0]
     notes = [
         f"The body was measured in frame {initial['frame']}, with a confidence of "
         f"{initial['confidence']:.2f}.",
         *initial["notes"],
     ]
-    if len(doubtful):
-        notes.append(f"The pose is doubtful in {len(doubtful)} frames: {_ranges(doubtful)}.")
+    for name, said in _DOUBTS.items():
+        frames = np.flatnonzero(fit[name])
+        if len(frames):
+            notes.append(said.format(f"{len(frames)} frames ({_ranges(frames)})"))
     return notes
 
 

@@ -59,6 +59,8 @@ class AgreementSettings:
     an arm stretched out of it in one frame of 8 is 0.006."""
     margin_m: float = 0.1
     """Left around the hulls of the few frames in a volume that is proposed."""
+    tallest_m: float = 2.6
+    """Who would be higher, arms raised, was filmed by cameras in another unit."""
     min_cameras: int = 3
     """As `CarvingSettings.min_cameras`: fewer silhouettes meet in more than a performer."""
 
@@ -365,6 +367,12 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         main_parts(votes.points[_hull(case, votes, trusted)], case.scene.voxel_m)
         for votes in case.votes
     ]
+    tallest = max((float(np.ptp(hull[:, 1])) for hull in hulls if len(hull)), default=0.0)
+    if tallest > case.settings.tallest_m:
+        notes.append(
+            f"The performer would be {tallest:.1f} m high: is the calibration in another unit, or "
+            "its scale wrong? Say the unit under [video]."
+        )
     points = np.concatenate(hulls)
     outside = ~is_inside(points, case.grid, case.scene.voxel_m)
     if not outside.any():
@@ -439,5 +447,6 @@ def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> 
     found = check_agreement(silhouettes, projection_of(source.cameras), grid_of(source), names)
     if found.faults:
         faults = "\n".join(f"- {fault}" for fault in found.faults)
-        raise InputError(f"{capture} cannot be digitized:\n{faults}")
+        notes = "".join(f"\n- {note}" for note in found.notes)
+        raise InputError(f"{capture} cannot be digitized:\n{faults}{notes}")
     return list(found.notes)

@@ -48,7 +48,7 @@ def write_joint_track(path: Path, position: NDArray[np.floating], rate_hz: float
     if suffix not in EXPORT_SUFFIXES:
         raise InputError(
             f"{path} should end in one of {', '.join(EXPORT_SUFFIXES)}: that is what a take's "
-            "joints can be written as"
+            "joints can be written as (voxels: .ply; what the body was measured by: .json)"
         )
     there = np.asarray(np.isfinite(position).all(axis=2).any(axis=0))
     names = [joint for joint, is_there in zip(JOINTS, there.tolist(), strict=True) if is_there]

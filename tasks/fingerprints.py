@@ -1,6 +1,6 @@
 """Names for "the same computation": a digest of the code, the settings and the inputs."""
 
-import ast
+import dis
 import functools
 import hashlib
 import inspect
@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 _OURS = ("tasks", "storage")
@@ -68,15 +69,25 @@ def _module_file(name: str) -> Path | None:
 
 
 def _imported_names(path: Path) -> Iterator[str]:
-    """Yield the names of ours that the file at `path` imports, at any depth."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        else:
-            continue
-        yield from (name for name in names if name.split(".")[0] in _OURS)
+    """Yield the names of ours that the file at `path` imports, at any depth.
+
+    From its byte code: takes are digitized in several threads, and `ast.parse` in two of them at
+    once can fail in Python 3.11 (python/cpython issue 106905).
+    """
+    waiting = [compile(path.read_bytes(), str(path), "exec", dont_inherit=True)]
+    while waiting:
+        code = waiting.pop()
+        waiting += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
+        module = ""
+        for step in dis.get_instructions(code):
+            if step.opname == "IMPORT_NAME":
+                name = module = step.argval
+            elif step.opname == "IMPORT_FROM":
+                name = f"{module}.{step.argval}"
+            else:
+                continue
+            if name.split(".")[0] in _OURS:
+                yield name
 
 
 def _plain(value: Any) -> Any:

@@ -8,8 +8,9 @@ legs stand are free; the arms have to show.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cc3d
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.schema import JOINTS
+from tasks.geometry.doubts import cut_off_at
 from tasks.geometry.initial_shape import Arms, measure_arms
 from tasks.geometry.initial_shape_joints import find_joints
 from tasks.geometry.initial_shape_labels import NEEDED, complete_joints, label_points
@@ -25,6 +27,11 @@ from tasks.geometry.initial_shape_picture import draw_from
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, padded_crop, voxel_centers, voxel_index
 
 _WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
+_CHAINS = (
+    ("Waist", "Neck", "Head"),
+    *(tuple(s + n for n in ("Shoulder", "Elbow", "Wrist", "Fin")) for s in "RL"),
+    *(tuple(s + n for n in ("Hip", "Knee", "Ankle")) for s in "RL"),
+)
 _TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above
 
 
@@ -47,6 +54,9 @@ class InitialModelSettings:
     ones reach 0.45 to 0.57 (crouching), hanging ones 0.2."""
     steepest: float = 0.36
     """Tangent of the largest angle of an arm from straight sideways, 20 degrees."""
+    least_inside: float = 0.75
+    """Share of the bones' lengths that lies in the hull. Less is no body: 0.94 to 1 where the arms
+    are stretched, 0.42 to 0.58 with a fan or an umbrella in the hand, or two people in one."""
     second_person: float = 0.35
     """A second piece with so large a share of the first is another person, not a speck."""
 
@@ -130,6 +140,7 @@ def find_initial_model(
         colored = (voxel_centers(grid, index), color)
     cells = best.index[best.is_body]
     joints, sure, notes = find_joints(cells, best.arms, grid, colored, stature_m)
+    _refuse_what_is_no_body(best.frame, joints, voxel_centers(grid, cells), grid, settings)
     label = np.zeros(len(best.index), np.uint8)
     label[best.is_body] = label_points(voxel_centers(grid, cells), joints)
     position = np.array([joints.get(name, np.full(3, np.nan)) for name in JOINTS])
@@ -273,16 +284,12 @@ def _look_at(
         )
     is_body = _belongs(index, piece, grid.voxel_m)
     body = index[is_body]
-    last = np.array(grid.shape) - 1
-    for axis, ends in ((0, (0, last[0])), (1, (last[1],)), (2, (0, last[2]))):
-        for end in ends:
-            outside = int((body[:, axis] == end).sum())
-            if outside > 3:
-                return (
-                    f"the performer is partly outside the volume ({outside} voxels touch its side "
-                    f"at {'xyz'[axis]} = {grid.origin_m[axis] + end * grid.voxel_m:.2f} m; enlarge "
-                    "the [volume])"
-                )
+    for axis, end in cut_off_at(body, grid.shape):
+        return (
+            f"the performer is partly outside the volume ({(body[:, axis] == end).sum()} voxels "
+            f"touch its side at {'xyz'[axis]} = {grid.origin_m[axis] + end * grid.voxel_m:.2f} m; "
+            "enlarge the [volume])"
+        )
     point = voxel_centers(grid, body)
     arms = measure_arms(point, grid.voxel_m)
     return _judge(frame, index, is_body, arms, float(np.ptp(point[:, 1])), settings)
@@ -301,6 +308,33 @@ def _belongs(
     apart = np.bincount(piece, weights=beside, minlength=len(sizes)) > 0
     keeps = (sizes > 0.01 * sizes.max()) & ~apart
     return keeps[piece]
+
+
+def _refuse_what_is_no_body(
+    frame: int,
+    joints: dict[str, NDArray[np.float64]],
+    point: NDArray[np.float64],
+    grid: VoxelGrid,
+    settings: InitialModelSettings,
+) -> None:
+    """Refuse joints whose bones lie beside the voxels: something else was taken for the arms."""
+    share = _bones_inside(joints, point, grid.voxel_m)
+    if share < settings.least_inside:
+        raise InputError(
+            f"only {share:.0%} of the bones that were found in frame {frame} lie inside the hull, "
+            f"where {settings.least_inside:.0%} or more are wanted: something in the hands, a "
+            f"second person or other clothes were taken for the arms; {_WAY_OUT}"
+        )
+
+
+def _bones_inside(
+    joints: Mapping[str, NDArray[np.float64]], point: NDArray[np.float64], voxel_m: float
+) -> float:
+    """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
+    along = np.linspace(0.0, 1.0, 12)[:, None]
+    pairs = [pair for chain in _CHAINS for pair in pairwise(chain)]
+    bones = [joints[a] + along * (joints[b] - joints[a]) for a, b in pairs]
+    return float((KDTree(point).query(np.concatenate(bones))[0] <= voxel_m).mean())
 
 
 def _judge(

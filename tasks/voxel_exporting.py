@@ -1,10 +1,12 @@
-"""Write a take's voxels and segments for other programs: PLY, and a segment's motion as CSV.
+"""Write a take's voxels and segments for other programs: PLY, CSV, JSON.
 
-The paper's purpose: each segment's shape and movement as information of its own.
+The paper's purpose: each segment's shape and movement as information of its own. And what the
+segments were measured by, as `initial.json` for whoever wants to correct it.
 """
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +16,16 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.archive import Take, nearest
 from storage.errors import InputError, UnknownNameError
+from storage.formats.initial import write_initial
+from storage.formats.pictures import write_png
 from storage.formats.ply import write_points, write_surface
 from storage.formats.writing import write_beside
 from storage.places import told
 from storage.schema import SEGMENTS
 from tasks.body_model import segment_motion
 from tasks.geometry.surfaces import closed_surface, nearest_colors
+from tasks.geometry.voxels import VoxelGrid, encode_runs
+from tasks.initial_model import InitialModel, draw_initial_model, label_from_joints
 
 _MOTION_COLUMNS = (
     *("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"),
@@ -112,6 +118,56 @@ def export_segment_motion(
     with told(f"write {file}"):
         write_beside(Path(file), text.getvalue().encode())
     return [f"{file}: {len(rows)} frames of {segment}"]
+
+
+def export_initial(archive: str, take: str, file: str) -> list[str]:
+    """Write what a take's body was measured by as `initial.json`; return what was written.
+
+    The joints and their frame, to be corrected and put into the capture, and beside the file a
+    picture of them in the labeled voxels. Labels are left out: of corrected joints they are made
+    anew.
+
+    Raises
+    ------
+    UnknownNameError, ArchiveError, InputError, PlaceError
+        If the take is not there or has no body, or a file cannot be written.
+    """
+    opened = open_archive(archive).take(take)
+    path = Path(file)
+    picture = picture_initial(opened)
+    body = opened.body
+    frame, confidence = body.attrs["initial_frame"], body.attrs["confidence"]
+    with told(f"write {path}"):
+        write_initial(path, body["initial_joint"].values, frame=frame)
+    write_png(path.with_suffix(".png"), picture)
+    return [
+        f"{path}: the joints of frame {frame}, with a confidence of {confidence:.2f}",
+        f"{path.with_suffix('.png')}: its picture",
+    ]
+
+
+def picture_initial(take: Take) -> NDArray[np.uint8]:
+    """Return the picture (480, 960, 3) of the joints that a take's body was measured by.
+
+    Raises
+    ------
+    InputError
+        If the take has no body.
+    """
+    if "body" not in take.record.stages:
+        raise InputError(f"take {take.name!r} has no initial model: its pose was not fitted")
+    body, frame = take.body, int(take.body.attrs["initial_frame"])
+    attributes = take.voxels(frame).attrs
+    grid = VoxelGrid(
+        tuple(attributes["origin_m"]), attributes["voxel_m"], tuple(attributes["shape"])
+    )
+    hull = encode_runs(take.occupied(frame).values[None])
+    before = np.zeros(frame, np.int64)  # frames with nobody, so that the numbers are the take's
+    runs = replace(hull, offset=np.concatenate([before, hull.offset]))
+    position = body["initial_joint"].values
+    label = label_from_joints(runs, grid, frame, position)
+    model = InitialModel(frame, position, label, float(body.attrs["confidence"]), ())
+    return draw_initial_model(model, runs, grid)
 
 
 def _label_of(take: Take, segment: str) -> int:

@@ -1,5 +1,7 @@
 """Silhouettes drawn from known cameras agree, and each planted mistake is named for what it is."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -185,6 +187,16 @@ def test_a_volume_beside_the_performer_is_told_where_to_be(cameras, silhouettes,
     assert (told - size / 2 <= low + 0.01).all()
     assert (told + size / 2 >= high - 0.01).all()
     assert (size <= high - low + 0.5).all()
+
+
+def test_a_giant_is_told_from_a_wrong_unit(cameras, silhouettes):
+    projection = projection_of(cameras)
+    poses = projection.camera_from_world * [1.0, 1.0, 1.0, 2.0]
+    larger = dataclasses.replace(projection, camera_from_world=poses)
+    found = check_agreement(silhouettes, larger, GRID, NAMES)
+    assert "outside the volume" in found.faults[0]
+    assert any("would be 3." in note and "another unit" in note for note in found.notes)
+    assert not check_agreement(silhouettes, projection, GRID, NAMES).notes
 
 
 def test_arrays_that_do_not_fit_are_refused(cameras, silhouettes):

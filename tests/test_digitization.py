@@ -1,6 +1,10 @@
 """Tests of the flow from films to colored voxels, on a tiny generated capture."""
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from datetime import timedelta
 
 import numpy as np
@@ -13,11 +17,18 @@ from storage.publication import collect_garbage, verify_take
 from tasks import capture_films
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.coloring import ColoringSettings, color_surface
-from tasks.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.filming import (
+    FilmSettings,
+    RingSettings,
+    film_capture,
+    generate_cameras,
+    stretch_arms_first,
+)
 from tasks.geometry.choreography import okuri48
 from tasks.geometry.voxels import decode_runs
 from tasks.silhouettes import extract_silhouettes
 from tasks.studio import TK, generate_performance
+from tests.conftest import swaying_body
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow]
 
@@ -31,6 +42,43 @@ def filmed(tmp_path_factory):
     track = generate_performance([okuri48()], TK, rate_hz=10.0).position[:FRAMES]
     cameras = generate_cameras(RING, center_m=(0.0, 0.9, 0.0), seed=4)
     film_capture(folder, track, 10.0, cameras=cameras, settings=FilmSettings(voxel_m=0.05))
+    return folder
+
+
+MOMENTS = ("coloring-00000008", "pose-00000000", "publishing")
+"""The block before whose writing the program is killed, or the last stage."""
+
+KILLED = """
+import os, signal, sys
+from flows import digitization, ingestion
+from storage import blocks
+from tasks import capture_films
+capture_films._BLOCK_FRAMES = 8
+capture, archive, moment = sys.argv[1:]
+write, publish = blocks.write_file, digitization.publish_take
+def write_file(place, path, content):
+    if moment in path:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(place, path, content)
+def publish_take(*arguments):
+    if moment == "publishing":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return publish(*arguments)
+blocks.write_file, digitization.publish_take = write_file, publish_take
+outcome = ingestion.ingest_archive(archive, [capture])[0]
+sys.exit(outcome.reason if outcome.status != "ingested" else 0)
+"""
+
+
+@pytest.fixture(scope="module")
+def posed(tmp_path_factory):
+    """A capture that begins with the arms stretched, so that it gets a pose."""
+    folder = tmp_path_factory.mktemp("films") / "posed"
+    track = stretch_arms_first(swaying_body(3, 30), 30.0)[:12]
+    cameras = generate_cameras(
+        RingSettings(cameras=6, size=(160, 120)), center_m=(0.0, 0.9, 0.0), seed=4
+    )
+    film_capture(folder, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.025), seed=2)
     return folder
 
 
@@ -50,7 +98,9 @@ def ingest(prefect_server, tmp_path, capture):
 def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, capture, tmp_path):
     outcome = ingest()
     assert outcome.status == "ingested", outcome.reason
+    assert any("has no pose and is not searched" in note for note in outcome.notes)
     take = open_archive(tmp_path / "archive").take("dancer")
+    assert "motion" not in take.record.stages
     source = read_capture(capture)
     backgrounds = capture_films.read_backgrounds(source)
     [*parts] = capture_films.read_films(source, 0, FRAMES)
@@ -109,6 +159,49 @@ def test_finished_blocks_are_kept_and_a_damaged_one_is_made_again(ingest, tmp_pa
         assert (path.stat().st_mtime_ns == mtime) == (path not in (blocks[0], blocks[4]))
     assert len(collect_garbage(place, older_than=timedelta(0))) == 9
     assert ingest().status == "ingested"
+
+
+def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
+    prefect_server, posed, tmp_path
+):
+    """Killed within each stage, and when the take has been put together."""
+    from prefect.settings import PREFECT_API_URL
+
+    environment = {**os.environ, "PREFECT_API_URL": str(PREFECT_API_URL.value())}
+    program = [sys.executable, "-c", KILLED, str(posed), str(tmp_path / "archive")]
+    kept, made = {}, []
+    for moment in MOMENTS:
+        process = subprocess.run(
+            [*program, moment], env=environment, capture_output=True, text=True, timeout=300
+        )
+        assert process.returncode == -signal.SIGKILL, process.stderr[-2000:]
+        place = open_archive(tmp_path / "archive").place
+        assert open_archive(place.location).takes() == []
+        there = {file.path: (place.folder / file.path).stat().st_mtime_ns
+                 for file in list_files(place, "work")}  # fmt: skip
+        assert kept.items() <= there.items(), f"computed again before {moment}"
+        made.append(len(there) - len(kept))
+        kept = there
+    assert all(made), dict(zip(MOMENTS, made, strict=True))
+    for archive in ("archive", "undisturbed"):
+        subprocess.run(
+            [*program[:-1], str(tmp_path / archive), "never"],
+            env=environment,
+            check=True,
+            timeout=300,
+        )
+    digests = []
+    for archive in ("archive", "undisturbed"):
+        opened = open_archive(tmp_path / archive)
+        assert verify_take(opened.place, "posed") == []
+        assert list_files(opened.place, "work") == []
+        record = opened.take("posed").record
+        assert "pose" in record.stages, record.notes
+        digests.append({
+            name: file["sha256"] for name, file in record.files.items() if "/c/" in name
+        })  # fmt: skip
+    assert digests[0] == digests[1]
+    assert len(digests[0]) > 20
 
 
 def test_a_truncated_film_is_refused_with_its_camera(ingest, capture, tmp_path):

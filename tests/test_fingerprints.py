@@ -1,5 +1,6 @@
 """Tests of tasks.fingerprints."""
 
+import ast
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from tasks import fingerprints
 from tasks.indexing import index_take
+from tests.conftest import ROOT
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,22 @@ def test_what_is_imported_inside_a_function_counts():
     files = fingerprints.source_files("storage.archive")  # imports storage.arrays on use
     assert "storage.arrays" in files
     assert "tests" not in {name.split(".")[0] for name in files}
+
+
+def test_the_imports_are_those_of_the_syntax_trees_of_all_files():
+    """Byte code must show every import that the text has; `ast` is not safe in threads."""
+    known = {}
+    for path in (ROOT / "tasks").rglob("*.py"):
+        names = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        ours = {name for name in names if name.split(".")[0] in ("tasks", "storage")}
+        assert set(fingerprints._imported_names(path)) == ours, path
+        known[path] = ours
+    assert sum(map(len, known.values())) > 500
 
 
 def test_what_cannot_be_named_is_refused():

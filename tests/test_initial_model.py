@@ -277,6 +277,29 @@ def test_nobody_and_two_people_are_said(figure):
         find_initial_model(runs_of(narrow), GRID, 30.0)
 
 
+def test_arms_that_are_none_are_refused(figure):
+    """A fan in the right hand reaches farther than the arm, and its bones end beside the hull."""
+    fin, elbow = (figure.joints[JOINTS.index(name)] for name in ("RFin", "RElbow"))
+    out = (fin - elbow) / np.linalg.norm(fin - elbow)
+    angle, reach = np.meshgrid(np.linspace(-0.8, 0.8, 90), np.linspace(0.0, 0.7, 60))
+    up = np.array([0.0, 1.0, 0.0])
+    leaf = fin + reach[..., None] * (np.cos(angle)[..., None] * out + np.sin(angle)[..., None] * up)
+    held = figure.occupied.copy()
+    index = np.rint((leaf.reshape(-1, 3) - GRID.origin_m) / VOXEL).astype(int)
+    held[tuple(index[((index >= 0) & (index < GRID.shape)).all(axis=1)].T)] = True
+    with pytest.raises(
+        InputError, match=r"stretched sideways, or place the joints in initial\.json"
+    ):
+        find_initial_model(runs_of(held), GRID, 30.0)
+    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
+    strict = InitialModelSettings(least_inside=1.01)
+    with pytest.raises(
+        InputError, match=r"only \d+% of the bones that were found in frame 0 lie in"
+    ):
+        find_initial_model(runs_of(figure.occupied), GRID, 30.0, settings=strict)
+    assert found.confidence > 0.5
+
+
 def test_a_performer_partly_outside_the_volume_is_said(figure):
     x = np.flatnonzero(figure.occupied.any(axis=(1, 2)))
     cut = np.ascontiguousarray(figure.occupied[: x[-1] - 5])

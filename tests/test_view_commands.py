@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import shutil
 
 import cv2
@@ -6,14 +7,16 @@ import numpy as np
 import pytest
 
 from flows.command import BAD_INPUT, DONE, WRONG_USE, main
-from storage import create_archive
+from storage import create_archive, open_archive
 from storage.formats.camera import Camera
+from storage.formats.initial import read_initial
 from storage.formats.video import open_video, read_frames
-from storage.pose_arrays import write_pose
+from storage.pose_arrays import write_body, write_pose
 from storage.provenance import Provenance
 from storage.publication import Record, describe_files, publish_record, version_folder
 from storage.voxel_arrays import write_cameras, write_voxels
 from tasks.geometry.voxels import encode_runs, surface_voxels
+from tests.conftest import swaying_body
 
 FRAMES, SHAPE, VOXEL_M = 3, (12, 20, 9), 0.1
 LABELS = (1, 5)  # Head, RForeArm
@@ -185,6 +188,37 @@ def test_a_segments_motion_is_a_table(made, tmp_path):
     assert [float(row["qw"]) for row in rows] == [1.0] * 3
 
 
+def test_what_the_body_was_measured_by_is_exported_with_a_picture(made, tmp_path):
+    copy = shutil.copytree(made, tmp_path / "archive")
+    opened = open_archive(copy)
+    position = swaying_body(1, 1)[0] * [0.6, 1.0, 1.0] + [0.6, 0.2, 0.4]
+    folder = opened.take("okuri").folder
+    segment = {name: np.zeros((11, 3)) for name in ("centroid", "variance", "offset")}
+    body = {
+        **segment, "axes": np.zeros((11, 3, 3)), "joint_offset": np.zeros((21, 3)),
+        "volume_share": np.zeros(11), "initial_joint": position,
+    }  # fmt: skip
+    about = Provenance("pose", {}, {})
+    write_body(
+        opened.place, folder, body,
+        attributes={"initial_frame": 1, "confidence": 0.83}, provenance=about,
+    )  # fmt: skip
+    record = opened.take("okuri").record
+    files = describe_files(opened.place, "okuri", record.version)
+    again = dataclasses.replace(record, number=2, stages=[*record.stages, "body"], files=files)
+    publish_record(opened.place, again)
+    file = tmp_path / "out" / "initial.json"
+    file.parent.mkdir()
+    assert main(["export", str(copy), "okuri", str(file)]) == DONE
+    found = read_initial(file)
+    assert found.frame == 1
+    np.testing.assert_allclose(found.position, position, atol=1e-4)
+    image = picture_of(file.with_suffix(".png"))
+    assert image.shape == (480, 960, 3)
+    assert (image.min(axis=2) < 200).mean() > 0.02
+    assert len(list(file.parent.iterdir())) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -203,6 +237,8 @@ def test_a_segments_motion_is_a_table(made, tmp_path):
         (["export", "A", "okuri", "a.ply", "--segment", "Arm"], WRONG_USE, "no segment 'Arm'"),
         (["export", "A", "okuri", "a.bvh", "--segment", "Head"], WRONG_USE, "written as .ply"),
         (["export", "A", "okuri", "a.csv", "--mesh"], WRONG_USE, "--mesh is for PLY"),
+        (["export", "A", "okuri", "a.json"], BAD_INPUT, "has no initial model: its pose was not"),
+        (["export", "A", "okuri", "a.json", "--frames", "1-1"], WRONG_USE, "leave out --frames"),
         (["export", "A", "okuri", "a.trc"], BAD_INPUT, "'okuri' has no motion"),
     ],
 )

@@ -17,6 +17,7 @@ from storage.formats.calibration import load_calibration, place_cameras
 from storage.formats.camera import Camera
 from storage.formats.capture_toml import MARK, Volume, read_capture_toml
 from storage.formats.footage import Footage, look_at_footage
+from storage.formats.initial import read_initial
 from storage.formats.reading import listed
 from storage.formats.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 
@@ -85,15 +86,29 @@ def read_capture(folder: Path) -> Capture:
     fps = _rate(said.fps, videos, faults, notes)
     frames = _count(videos, fps, faults, notes)
     shares = _views(cameras, volume, unit_m, faults, notes)
+    initial = folder / "initial.json"
+    faults += _initial_faults(initial, frames) if initial.is_file() else []
     if faults or volume is None or path is None or fps is None:
         raise InputError("\n".join([f"{folder} cannot be used as a capture:", *_dashed(faults)]))
-    initial = folder / "initial.json"
     return Capture(
         folder, said.take, said.metadata, said.stature_m, volume, fps, tuple(cameras),
         tuple(videos[camera.name].path for camera in cameras),
         tuple(backgrounds[camera.name].path for camera in cameras),
         frames, path, initial if initial.is_file() else None, tuple(shares), tuple(notes),
     )  # fmt: skip
+
+
+def _initial_faults(path: Path, frames: int) -> list[str]:
+    """Return what is wrong with an `initial.json` by itself."""
+    try:
+        frame = read_initial(path).frame or 0
+    except InputError as error:
+        return [str(error)]
+    if frames and frame >= frames:
+        return [
+            f"{path} is of frame {frame}; the take has the frames 0-{frames - 1}, give one of them"
+        ]
+    return []
 
 
 def _dashed(faults: Sequence[str]) -> list[str]:

@@ -29,6 +29,13 @@ _WANTED = "a JSON file with `joints`: a name and [x, y, z] in metres each"
 OPTIONAL = ("Waist", "RWrist", "RAnkle", "RHeel", "LWrist", "LAnkle", "LHeel")
 """Joints that may be left out; they are put in by the proportions of a body."""
 _SMALLEST_M, _LARGEST_M = 0.4, 3.0  # from head to hips and on to the toes
+_LONGEST = (
+    *(("Shoulder", "Elbow", 0.30), ("Elbow", "Wrist", 0.28), ("Elbow", "Fin", 0.42)),
+    *(("Hip", "Knee", 0.42), ("Knee", "Ankle", 0.42), ("Knee", "Foot", 0.52)),
+)
+"""The ends of bones, and 1.6 times their usual lengths (Drillis and Contini 1966), in shares of
+the body from the head over neck, hips and knees to the toes."""
+_NEVER_CROSSED = (("Shoulder", "Elbow"), ("Hip", "Knee"))
 _MOST_VOXELS = 2**26  # a few bytes must not ask for more memory than any body needs
 
 
@@ -157,14 +164,37 @@ def joint_faults(position: NDArray[np.float64]) -> list[str]:
         faults.append(
             "the toes point backward: right and left are swapped, or toes and heels; exchange them"
         )
-    for name, near in (("Elbow", "Shoulder"), ("Knee", "Hip")):
-        crossed = [
-            np.linalg.norm(place[f"{a}{name}"] - place[f"{a}{near}"])
-            > np.linalg.norm(place[f"{a}{name}"] - place[f"{b}{near}"])
-            for a, b in ("RL", "LR")
-        ]
-        if all(crossed):
+    return faults + _bone_faults(place)
+
+
+def _bone_faults(place: Mapping[str, NDArray[np.float64]]) -> list[str]:
+    """Return which bones are too long for the body, and which pairs of joints are swapped."""
+
+    def length(a: str, b: str) -> float:
+        return float(np.linalg.norm(place[a] - place[b]))
+
+    hips = (place["RHip"] + place["LHip"]) / 2.0
+    trunk = length("Head", "Neck") + float(np.linalg.norm(place["Neck"] - hips))
+    legs = [length(f"{s}Hip", f"{s}Knee") + length(f"{s}Knee", f"{s}Foot") for s in "RL"]
+    size = trunk + min(legs)
+    faults = []
+    for near, name, share in _LONGEST:
+        own = [length(s + near, s + name) for s in "RL"]
+        crossed = [length(a + near, b + name) for a, b in ("RL", "LR")]
+        if not np.isfinite([*own, *crossed]).all():
+            continue
+        if (near, name) in _NEVER_CROSSED and np.less(crossed, own).all():
             faults.append(f"R{name} and L{name} are swapped; exchange them")
+            continue
+        too_long = [side for side, each in zip("RL", own, strict=True) if each > share * size]
+        if len(too_long) == 2 and max(crossed) < min(own):
+            faults.append(f"R{name} and L{name} are swapped; exchange them")
+        else:
+            faults += [
+                f"{side}{near} to {side}{name} is {length(side + near, side + name):.2f} m, too "
+                f"long for a body of {size:.2f} m; place one of them anew"
+                for side in too_long
+            ]
     return faults
 
 

@@ -26,21 +26,33 @@ def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
     ValueError
         Where the image is not an RGB picture.
     """
-    import cv2  # here, because only who writes a picture should wait for it
-
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise InputError(f"{path} does not end in .png; pictures are written as PNG")
+    encoded = encode_png(image)
+    try:
+        write_beside(path, encoded)
+    except OSError as error:
+        raise InputError(
+            f"the picture {path} cannot be written ({error.strerror}); "
+            "choose a folder that exists, has room and may be written"
+        ) from error
+
+
+def encode_png(image: NDArray[np.uint8]) -> bytes:
+    """Return an RGB picture (row, column, 3) uint8 as the bytes of a PNG file.
+
+    Raises
+    ------
+    ValueError
+        Where the image is not an RGB picture.
+    """
+    import cv2  # here, because only who writes a picture should wait for it
+
     if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
         raise ValueError(
             f"a {image.dtype} array of shape {image.shape} is no picture; "
             "(row, column, 3) uint8 is wanted"
         )
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    try:
-        write_beside(path, encoded.tobytes())
-    except OSError as error:
-        raise InputError(
-            f"the picture {path} cannot be written ({error.strerror}); "
-            "choose a folder that exists, has room and may be written"
-        ) from error
+    return encoded.tobytes()

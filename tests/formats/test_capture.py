@@ -12,8 +12,11 @@ from storage.formats.camera import scale_world
 from storage.formats.camera_views import share_seen
 from storage.formats.capture import read_capture
 from storage.formats.capture_toml import Volume
+from storage.formats.initial import write_initial
 from storage.formats.pictures import write_png
 from storage.formats.video_writing import write_video
+from tasks.filming import stretch_arms_first
+from tests.conftest import swaying_body
 from tests.formats import calibration_files as files
 from tests.formats.calibration_files import NAMES, in_z_up, looking_at, rig
 
@@ -75,7 +78,7 @@ def faults(folder):
 
 
 def test_a_capture_that_is_right_is_read(folder):
-    (folder / "initial.json").write_text("{}")
+    initial_of(FRAMES - 1)(folder)
     capture = read_capture(folder)
     assert capture.take == "okuri-48"
     assert capture.metadata == {"title": "Okuri 48", "recorded": "2026-03-02"}
@@ -197,6 +200,12 @@ def cut_short(folder):
     path.write_bytes(path.read_bytes()[:700])
 
 
+def initial_of(frame):
+    return lambda folder: write_initial(
+        folder / "initial.json", stretch_arms_first(swaying_body(0, 9), 30.0)[0], frame=frame
+    )
+
+
 def gap_in_pictures(folder):
     (folder / "videos" / "2.mp4").unlink()
     (folder / "videos" / "2").mkdir()
@@ -286,6 +295,11 @@ FAULTS = {
         lambda folder: edit(folder, "fps", 'unit = "ell"\nfps'), "unit = 'ell' under [video] is",
     ),
     "stature": (lambda folder: edit(folder, "1.58", "158"), "stature_m = 158 under [take] is no"),
+    "initial": (
+        lambda folder: (folder / "initial.json").write_text('{"joints": {"Head": [0, 1]}}'),
+        "initial.json cannot be used: 'Head' must be three finite numbers [x, y, z] in metres; ",
+    ),
+    "initial frame": (initial_of(FRAMES), "initial.json is of frame 12; the take has the frames 0"),
     "id": (lambda folder: edit(folder, "[take]", '[take]\nid = "!"'), "makes no name for a take"),
 }  # fmt: skip
 

@@ -120,6 +120,31 @@ def test_swapped_sides_are_said(path):
     write(path, joints=exchanged("Knee"))
     with pytest.raises(InputError, match="RKnee and LKnee are swapped"):
         read_initial(path)
+    write(path, joints=exchanged("Wrist", "Fin"))
+    with pytest.raises(InputError, match=r"RWrist and LWrist are swapped.*RFin and LFin are"):
+        read_initial(path)
+
+
+def test_a_joint_on_another_limb_is_said(path):
+    write(path, joints={"LFin": [0.12, 0.03, 0.15]})
+    with pytest.raises(
+        InputError, match=r"LElbow to LFin is 1\.3\d m, too long for a body of 1\.7"
+    ):
+        read_initial(path)
+
+
+def test_a_body_in_any_pose_is_read(path):
+    place = dict(zip(JOINTS, stretched(), strict=True))
+    for side, other in ("RL", "LR"):  # hands crossed before the chest, squatting with crossed feet
+        place[f"{side}Elbow"] = place[f"{side}Shoulder"] + [0.0, -0.2, 0.2]
+        place[f"{side}Fin"] = place[f"{other}Shoulder"] + [0.0, -0.2, 0.25]
+        place[f"{side}Wrist"] = (place[f"{side}Elbow"] + 2 * place[f"{side}Fin"]) / 3
+        place[f"{side}Knee"] = place[f"{side}Hip"] + [0.0, 0.05, 0.42]
+        place[f"{side}Ankle"] = place[f"{other}Hip"] + [0.0, -0.35, 0.2]
+        place[f"{side}Heel"] = place[f"{side}Ankle"] + [0.0, -0.05, -0.05]
+        place[f"{side}Foot"] = place[f"{side}Ankle"] + [0.0, -0.05, 0.18]
+    write_initial(path, np.array([place[name] for name in JOINTS]))
+    assert np.isfinite(read_initial(path).position).all()
 
 
 def test_other_units_and_axes_are_said(path):

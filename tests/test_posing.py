@@ -1,0 +1,61 @@
+"""Tests of what the store functions of posing add to the methods: doubts, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from storage.errors import InputError
+from storage.schema import JOINTS
+from tasks.geometry.voxels import VoxelGrid
+from tasks.initial_model import InitialModel
+from tasks.posing import DoubtSettings, _check_measurable, _doubts
+from tests.conftest import swaying_body
+
+GRID = VoxelGrid((0.0, 0.0, 0.0), 0.1, (30, 20, 10))
+
+
+class Frames:
+    """What `_doubts` and `_check_measurable` read of a take."""
+
+    grid = GRID
+
+    def __init__(self, *boxes):
+        self._boxes = boxes
+
+    def __len__(self):
+        return len(self._boxes)
+
+    def index(self, frame):
+        parts = [
+            np.argwhere(np.ones(np.subtract(high, low))) + low for low, high in self._boxes[frame]
+        ]
+        return np.concatenate([np.zeros((0, 3), int), *parts])
+
+
+def test_voxels_that_nothing_explains_and_a_cut_performer_are_doubtful():
+    body = ((5, 3, 3), (9, 15, 7))
+    second = ((20, 3, 3), (23, 12, 7))
+    frames = Frames([body], [body, second], [], [((0, 3, 3), (9, 15, 7))], [body])
+    mean = np.tile(np.array([0.65, 0.85, 0.45]), (5, 1, 1))
+    inverse = np.tile(np.diag([11.0, 4.0, 11.0]), (5, 1, 1, 1))
+    fit = {"blob_mean": mean, "blob_inverse": inverse}
+    fit["doubtful"] = np.array([False, False, True, False, False])
+    found = _doubts(frames, fit, 4, DoubtSettings())
+    assert found["unexplained"].tolist() == [False, True, False, False, False]
+    assert found["cut_off"].tolist() == [False, False, False, True, False]
+    assert found["doubtful"].tolist() == [False, True, True, True, False]
+    usual = _doubts(frames, fit, 1, DoubtSettings())  # as much as at the beginning: wide sleeves
+    assert not usual["unexplained"].any()
+
+
+@pytest.mark.parametrize("path", [None, Path("in/initial.json")])
+def test_a_segment_of_too_few_voxels_is_refused_with_what_to_do(path):
+    frames = Frames([((0, 0, 0), (11, 19, 1))])
+    label = np.repeat(np.arange(1, 12), 19)
+    label[:5] = 2
+    model = InitialModel(0, swaying_body(2, 1)[0], label.astype(np.uint8), 1.0, ())
+    assert model.position.shape == (len(JOINTS), 3)
+    todo = r"place the joints in initial\.json" if path is None else r"joints in in/initial\.json"
+    with pytest.raises(InputError, match=rf"measured in frame 0: labels 1 \(14\).*{todo}"):
+        _check_measurable(model, frames, path)

@@ -22,9 +22,11 @@ from storage.formats.capture import Capture, read_capture
 from storage.formats.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body_model import measure_body
-from tasks.capture_films import grid_of, side_by_side
-from tasks.final_labeling import label_frame
+from tasks.capture_films import THREADS, grid_of, side_by_side
+from tasks.final_labeling import label_carried, label_frame, make_body_fields
+from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
+from tasks.geometry.bone_fields import BoneFields, carry_back
 from tasks.geometry.extremities import Extremities, find_extremities
 from tasks.geometry.label_regions import voxel_neighbors
 from tasks.geometry.skin import SkinModel, SurfaceFrame, is_skin
@@ -32,7 +34,7 @@ from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
 from tasks.joint_tracks import JointTrackSettings, move_to_ends, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
-from tasks.pose_fitting import PoseSettings, fit_poses, label_blobs
+from tasks.pose_fitting import PoseSettings, fit_poses
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally, track_skin
 from tasks.voxel_frames import VoxelFrames
 
@@ -131,8 +133,9 @@ def fit_take(
     dict
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
-        what labels voxels (`blob_mean`, `blob_inverse` a frame and `blob_segment`), and where
-        face and hands were seen (`seen`), with the colors of skin.
+        what labels voxels (of the method `joint` the body's fields, and `turn` and `shift` a
+        frame; of `paper` `blob_mean` and `blob_inverse` a frame), and where face and hands were
+        seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()
     source = read_capture(Path(capture))
@@ -175,33 +178,35 @@ def label_block(
     place = open_archive(archive).place
     frames = VoxelFrames(place, grid_of(source), hulls, colors)
     fit, first = read_block(place, fitted), read_block(place, initial)
-    before = range(max(start - 1, 0), end)
-    final = dict(zip(before, side_by_side(lambda n: _final(frames, n, fit), before), strict=True))
     share = np.bincount(first["label"], minlength=12)[1:].astype(np.float64)
     share /= share.sum()
-
-    def provisional(frame: int) -> NDArray[np.uint8]:
-        if frame == 0 or not len(final[frame - 1]):
-            return final[frame]
-        skin = _skin_labels(frames, frame, fit, settings.provisional, source)
-        return label_provisionally(
-            frames.index(frame), frames.index(frame - 1), final[frame - 1], share,
-            settings.provisional, skin_label=skin,
-        )  # fmt: skip
-
-    own = range(start, end)
     stature_m = source.stature_m or track_stature(fit["joint"])
 
-    def ends(frame: int) -> NDArray[np.float64]:
-        center = voxel_centers(frames.grid, frames.index(frame))
-        joints, label = fit["joint"][frame], final[frame]
-        return move_to_ends(joints, center, label, settings.ends, stature_m=stature_m)
+    def label(own: NDArray[np.int64]) -> dict[str, list[NDArray]]:
+        found: dict[str, list[NDArray]] = {"joint": [], "provisional_label": [], "label": []}
+        index, final = _final(frames, max(int(own[0]) - 1, 0), fit)[::2]
+        for frame in own:
+            before = (index, final)
+            index, neighbors, final = _final(frames, int(frame), fit)
+            provisional = final
+            if frame and before[1].any():
+                skin = _skin_labels(frames, frame, index, fit, settings.provisional, source)
+                provisional = label_provisionally(
+                    index, *before, share, settings.provisional,
+                    skin_label=skin, neighbors=neighbors,
+                )  # fmt: skip
+            arms = np.flatnonzero((final == 5) | (final == 7))
+            center = voxel_centers(frames.grid, index[arms])
+            joints, tips = fit["joint"][frame], final[arms]
+            ends = move_to_ends(joints, center, tips, settings.ends, stature_m=stature_m)
+            for name, value in zip(found, (ends, provisional, final), strict=True):
+                found[name].append(value)
+        return found
 
-    arrays = {
-        "joint": np.stack([ends(frame) for frame in own]),
-        "provisional_label": np.concatenate(side_by_side(provisional, own)),
-        "label": np.concatenate([final[frame] for frame in own]),
-    }
+    parts = side_by_side(label, np.array_split(np.arange(start, end), min(THREADS, end - start)))
+    whole = {name: [value for part in parts for value in part[name]] for name in parts[0]}
+    arrays = {name: np.concatenate(values) for name, values in whole.items() if name != "joint"}
+    arrays["joint"] = np.stack(whole["joint"])
     return write_block(place, into, (start, end), arrays, begun)
 
 
@@ -260,16 +265,27 @@ def _fit_jointly(
         settings=settings.joint,
     )
     _, axes = local_systems(start["position"])
-    blobs = [label_blobs(fitted, frame) for frame in range(len(frames))]
+    index = frames.index(initial_frame)
+    fields = make_body_fields(
+        index, voxel_centers(frames.grid, index), start["label"],
+        dict(zip(JOINTS, start["position"], strict=True)), frames.grid.voxel_m,
+    )  # fmt: skip
+    turn, shift = carry_back(
+        np.stack([place_bones(pose, fitted.model.origin) for pose in fitted.poses]),
+        np.stack([pose.rotation for pose in fitted.poses]),
+        fitted.model.origin,
+        np.array(frames.grid.origin_m),
+        frames.grid.voxel_m,
+    )
     return {
         "joint": fitted.position,
         "position": fitted.position[:, _ORIGIN],
         "rotation": fitted.rotation @ axes,
         "quality": fitted.quality,
         "doubtful": fitted.doubtful,
-        "blob_mean": np.stack([mean for mean, _, _ in blobs]).astype(np.float32),
-        "blob_inverse": np.stack([inverse for _, inverse, _ in blobs]).astype(np.float32),
-        "blob_segment": blobs[0][2],
+        "turn": turn,
+        "shift": shift,
+        **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
 
 
@@ -289,7 +305,7 @@ def _fit_as_paper(
     for frame in range(len(frames)):
         index = frames.index(frame)
         if frame > initial_frame and len(index):
-            skin = _skin_labels(frames, frame, fit, rule, source)
+            skin = _skin_labels(frames, frame, index, fit, rule, source)
             before = frames.index(previous)
             provisional = label_provisionally(
                 index, before, label, body.shape.volume_share, rule, skin_label=skin
@@ -317,47 +333,48 @@ def _fit_as_paper(
         "doubtful": track.quality.min(axis=1) < _STARVED,
         "blob_mean": np.stack(means),
         "blob_inverse": np.stack(inverses),
-        "blob_segment": np.arange(11),
     }
 
 
-def _final(frames: VoxelFrames, frame: int, fit: dict[str, NDArray]) -> NDArray[np.uint8]:
-    """Return the final labels of a frame."""
+def _final(
+    frames: VoxelFrames, frame: int, fit: dict[str, NDArray]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """Return index, neighbors and final labels of a frame's voxels."""
     index = frames.index(frame)
+    neighbors = voxel_neighbors(index)
     if not len(index):
-        return np.zeros(0, np.uint8)
-    return label_frame(
-        voxel_centers(frames.grid, index),
-        index,
-        fit["blob_mean"][frame],
-        fit["blob_inverse"][frame],
-        segment=fit["blob_segment"],
-        neighbors=voxel_neighbors(index),
+        return index, neighbors, np.zeros(0, np.uint8)
+    if "blob_mean" in fit:
+        center = voxel_centers(frames.grid, index)
+        blobs = fit["blob_mean"][frame], fit["blob_inverse"][frame]
+        return index, neighbors, label_frame(center, index, *blobs, neighbors=neighbors)
+    fields = BoneFields(
+        fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
     )
+    turn, shift = fit["turn"][frame], fit["shift"][frame]
+    return index, neighbors, label_carried(index, fields, turn, shift, neighbors=neighbors)
 
 
 def _skin_labels(
-    frames: VoxelFrames, frame: int, fit: dict[str, NDArray], settings: ProvisionalSettings,
-    source: Capture,
+    frames: VoxelFrames, frame: int, index: NDArray[np.int32], fit: dict[str, NDArray],
+    settings: ProvisionalSettings, source: Capture,
 ) -> NDArray[np.uint8]:  # fmt: skip
     """Return the label of the face's and the hands' voxels, 0 elsewhere."""
-    index = frames.index(frame)
     label = np.zeros(len(index), np.uint8)
     place = fit["seen"][frame]
     if not np.isfinite(place).all():
         return label
     is_surface, color, camera = frames.surface(frame)
-    surface = index[is_surface]
     skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
-    own = is_skin(skin, color) & (camera != 255)
+    own = np.flatnonzero(is_surface)[is_skin(skin, color) & (camera != 255)]
     stature_m = source.stature_m or 1.6
     regions = track_skin(
-        surface,
-        voxel_centers(frames.grid, surface),
-        own,
+        index[own],
+        voxel_centers(frames.grid, index[own]),
+        np.ones(len(own), np.bool_),
         place,
         reach_m=settings.skin_speed * stature_m / source.fps,
         least_voxels=round(settings.least_skin_m2 / frames.grid.voxel_m**2),
     )
-    label[is_surface] = regions.label
+    label[own] = regions.label
     return label

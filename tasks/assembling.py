@@ -215,7 +215,7 @@ def _write_body(
     hull = next(each for each in blocks["carving"] if each["start"] <= frame < each["end"])
     runs = VoxelRuns(**read_block(place, hull), shape=grid.shape)
     center = voxel_centers(grid, voxel_index(runs, frame - hull["start"]))
-    shape = measure_body(center, start["label"], start["position"]).shape
+    shape = measure_body(center, start["label"], fit["initial_joint"]).shape
     write_body(
         place,
         folder,
@@ -226,7 +226,7 @@ def _write_body(
             "offset": shape.offset,
             "joint_offset": shape.joint,
             "volume_share": shape.volume_share,
-            "initial_joint": start["position"],
+            "initial_joint": fit["initial_joint"],
         },
         attributes={"initial_frame": frame, "confidence": initial["confidence"]},
         provenance=provenance,

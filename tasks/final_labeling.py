@@ -1,19 +1,34 @@
 """Label the voxels of a frame by the segments that were fitted to it (digitization paper, 3.4.3).
 
 A voxel belongs to the segment whose distribution it is nearest to, by the squared Mahalanobis
-distance of equation (5); then each segment becomes one connected region. A segment may have
-several blobs, and a voxel is then as near to it as to the nearest of them.
+distance of equation (5); then each segment becomes one connected region. So it is with the poses
+of the method `paper`.
+
+With those of `joint` a voxel belongs to the segment whose voxels of the initial frame, carried
+along by their bone, it is deepest in or nearest to. Equation (5) knows of a segment only how its
+voxels spread; so the border between a long segment and a short one, a thick and a thin one, is
+not where it was cut. On four rendered captures the labels of 91.5, 90.5, 87.9 and 86.0 % of the
+voxels are right by equation (5), with several blobs a segment, and of 92.4, 90.7, 88.3 and 86.0 %
+so. Cloth that hangs far from every bone takes the label that it is connected to.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.geometry.articulated import BONES, SEGMENT
+from tasks.geometry.blob_fitting import bones_of_voxels
+from tasks.geometry.bone_fields import BoneFields, make_fields, nearest_bones
+from tasks.geometry.initial_shape_labels import body_size, complete_joints, is_limb
 from tasks.geometry.label_regions import clean_labels
 
-__all__ = ["clean_labels", "label_frame", "nearest_segments"]
+__all__ = ["clean_labels", "label_carried", "label_frame", "make_body_fields", "nearest_segments"]
+
+_NEAR = 0.05  # statures, 8 cm of 1.7 m: what is farther from a body is not it, and labeled last
+_LABEL = np.append(SEGMENT + 1, 0).astype(np.uint8)  # of each bone, and of none
 
 _LESS = np.float32(1 - 1e-4)  # bounds hold in spite of rounding
 _BLOCK = 64  # voxels in order: they lie together, so that few blobs are near all of them
@@ -101,6 +116,76 @@ def label_frame(
         As `nearest_segments` and `clean_labels`.
     """
     label = nearest_segments(center, mean, inverse, segment=segment)
+    return clean_labels(label, index, neighbors=neighbors)
+
+
+def make_body_fields(
+    index: NDArray[np.integer],
+    center: NDArray[np.floating],
+    label: NDArray[np.integer],
+    joints: Mapping[str, NDArray[np.floating]],
+    voxel_m: float,
+) -> BoneFields:
+    """Return what labels the voxels of other frames: the body of the initial one.
+
+    Cloth around arms and legs is left out: it hangs elsewhere in another pose.
+
+    Parameters
+    ----------
+    index : (voxel, 3) int
+        In the grid, of the initial frame's voxels.
+    center : (voxel, 3) float
+        Metres.
+    label : (voxel,) int
+        Segment plus one; 0 for none.
+    joints
+        The initial frame's, metres, by the names of the archive; see `complete_joints` for those
+        that may be NaN.
+    voxel_m
+        Edge of a voxel.
+    """
+    whole = complete_joints({name: np.asarray(p, np.float64) for name, p in joints.items()})
+    left = (whole["LHip"] - whole["RHip"]) * (1.0, 0.0, 1.0)
+    forward = np.cross(left / np.linalg.norm(left), (0.0, 1.0, 0.0))
+    point = np.asarray(center, np.float64)
+    bone = bones_of_voxels(point, np.asarray(label), whole, forward)
+    bone[~is_limb(point, whole, label)] = -1
+    most = max(1, round(_NEAR * body_size(whole) / voxel_m))
+    return make_fields(index, bone, len(BONES), most)
+
+
+def label_carried(
+    index: NDArray[np.integer],
+    fields: BoneFields,
+    turn: NDArray[np.floating],
+    shift: NDArray[np.floating],
+    *,
+    neighbors: NDArray[np.int32] | None = None,
+) -> NDArray[np.uint8]:
+    """Return the final labels of a frame: the initial body's, each one connected region.
+
+    Parameters
+    ----------
+    index : (voxel, 3) int
+        In the grid, in order.
+    fields
+        As `make_body_fields` gives them.
+    turn, shift : (bone, 3, 3) and (bone, 3) float
+        What takes this frame's voxels back to the initial frame, as `carry_back` gives it.
+    neighbors : (voxel, 6) int32
+        As `voxel_neighbors` gives them, where they are known already.
+
+    Returns
+    -------
+    (voxel,) uint8
+        Segment plus one; all 0 where no voxel is near the body.
+
+    Raises
+    ------
+    ValueError
+        As `clean_labels`.
+    """
+    label = _LABEL[nearest_bones(index, fields, turn, shift)]
     return clean_labels(label, index, neighbors=neighbors)
 
 

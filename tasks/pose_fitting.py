@@ -19,7 +19,6 @@ from storage.schema import JOINTS, SEGMENTS
 from tasks.geometry.articulated import (
     BONES,
     PROXIMAL,
-    SEGMENT,
     Pose,
     blend,
     carry,
@@ -137,6 +136,9 @@ class FittedPoses:
     """(time, 21, 3) m, joints as in `storage.schema.JOINTS`; NaN where the initial model has
     none."""
 
+    initial: Floats
+    """(21, 3) joints of the initial model, m, those that bones turn about where they do."""
+
     rotation: Floats
     """(time, 11, 3, 3) world rotation of each segment since the initial pose."""
 
@@ -226,8 +228,8 @@ def fit_poses(
     return _describe(take, fits, position, model.origin)
 
 
-def label_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return what labels the voxels of a frame: the blobs of the fitted body.
+def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
+    """Return where the blobs of the fitted body are in a frame.
 
     Returns
     -------
@@ -235,13 +237,11 @@ def label_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats, NDArra
         Metres.
     inverse : (blob, 3, 3) float64
         Inverse covariances, 1 / m**2.
-    segment : (blob,) int64
-        The segment, 0 to 10, of each.
     """
     model, pose = fitted.model, fitted.poses[frame]
     joints = place_bones(pose, model.origin)
     mean, whitening = place_blobs(model.blobs, joints, pose.rotation)
-    return mean, np.einsum("bji,bjk->bik", whitening, whitening), SEGMENT[model.blobs.bone]
+    return mean, np.einsum("bji,bjk->bik", whitening, whitening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,7 +448,7 @@ def _describe(take: _Take, fits: Sequence[Fit], placed: Floats, origin: Floats) 
     doubtful = quality.min(1) < take.settings.doubtful_support
     _logger.info("fitted %d frames, %d doubtful", frames, int(doubtful.sum()))
     poses = tuple(fit.pose for fit in fits)
-    return FittedPoses(position, rotation, proximal, quality, doubtful, poses, model)
+    return FittedPoses(position, initial, rotation, proximal, quality, doubtful, poses, model)
 
 
 def _check(

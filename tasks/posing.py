@@ -22,9 +22,11 @@ from storage.formats.capture import Capture, read_capture
 from storage.formats.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body_model import measure_body
-from tasks.capture_films import grid_of, side_by_side
-from tasks.final_labeling import label_frame
+from tasks.capture_films import THREADS, grid_of, side_by_side
+from tasks.final_labeling import label_carried, label_frame, make_body_fields
+from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
+from tasks.geometry.bone_fields import BoneFields, carry_back
 from tasks.geometry.doubts import cut_off_at, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities
 from tasks.geometry.label_regions import voxel_neighbors
@@ -33,7 +35,7 @@ from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
 from tasks.joint_tracks import JointTrackSettings, move_to_ends, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
-from tasks.pose_fitting import PoseSettings, fit_poses, label_blobs
+from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally, track_skin
 from tasks.voxel_frames import VoxelFrames
 
@@ -73,6 +75,7 @@ class PosingSettings:
 
 
 Refs = list[dict[str, Any]]
+Blobs = list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # mean and inverse, a frame each
 
 
 def model_take(
@@ -147,8 +150,10 @@ def fit_take(
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
         why it is so beside badly fitting segments, `unexplained` and `cut_off` (time,) bool,
-        what labels voxels (`blob_mean`, `blob_inverse` a frame and `blob_segment`), and where
-        face and hands were seen (`seen`), with the colors of skin.
+        what labels voxels (of the method `joint` the body's fields, and `turn` and `shift` a
+        frame; of `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was
+        measured with (`initial_joint`), and where face and hands were seen (`seen`), with the
+        colors of skin.
     """
     begun = time.monotonic()
     source = read_capture(Path(capture))
@@ -161,8 +166,8 @@ def fit_take(
         _Surfaces(frames), source.fps, stature_m, joints, initial_frame=initial["frame"]
     )
     fit = _fit_jointly if settings.method == "joint" else _fit_as_paper
-    arrays = fit(source, frames, start, initial["frame"], seen, settings)
-    arrays |= _doubts(frames, arrays, initial["frame"], settings.doubts)
+    arrays, blobs = fit(source, frames, start, initial["frame"], seen, settings)
+    arrays |= _doubts(frames, arrays["doubtful"], blobs, initial["frame"], settings.doubts)
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -192,33 +197,35 @@ def label_block(
     place = open_archive(archive).place
     frames = VoxelFrames(place, grid_of(source), hulls, colors)
     fit, first = read_block(place, fitted), read_block(place, initial)
-    before = range(max(start - 1, 0), end)
-    final = dict(zip(before, side_by_side(lambda n: _final(frames, n, fit), before), strict=True))
     share = np.bincount(first["label"], minlength=12)[1:].astype(np.float64)
     share /= share.sum()
-
-    def provisional(frame: int) -> NDArray[np.uint8]:
-        if frame == 0 or not len(final[frame - 1]):
-            return final[frame]
-        skin = _skin_labels(frames, frame, fit, settings.provisional, source)
-        return label_provisionally(
-            frames.index(frame), frames.index(frame - 1), final[frame - 1], share,
-            settings.provisional, skin_label=skin,
-        )  # fmt: skip
-
-    own = range(start, end)
     stature_m = source.stature_m or track_stature(fit["joint"])
 
-    def ends(frame: int) -> NDArray[np.float64]:
-        center = voxel_centers(frames.grid, frames.index(frame))
-        joints, label = fit["joint"][frame], final[frame]
-        return move_to_ends(joints, center, label, settings.ends, stature_m=stature_m)
+    def label(own: NDArray[np.int64]) -> dict[str, list[NDArray]]:
+        found: dict[str, list[NDArray]] = {"joint": [], "provisional_label": [], "label": []}
+        index, final = _final(frames, max(int(own[0]) - 1, 0), fit)[::2]
+        for frame in own:
+            before = (index, final)
+            index, neighbors, final = _final(frames, int(frame), fit)
+            provisional = final
+            if frame and before[1].any():
+                skin = _skin_labels(frames, frame, index, fit, settings.provisional, source)
+                provisional = label_provisionally(
+                    index, *before, share, settings.provisional,
+                    skin_label=skin, neighbors=neighbors,
+                )  # fmt: skip
+            arms = np.flatnonzero((final == 5) | (final == 7))
+            center = voxel_centers(frames.grid, index[arms])
+            joints, tips = fit["joint"][frame], final[arms]
+            ends = move_to_ends(joints, center, tips, settings.ends, stature_m=stature_m)
+            for name, value in zip(found, (ends, provisional, final), strict=True):
+                found[name].append(value)
+        return found
 
-    arrays = {
-        "joint": np.stack([ends(frame) for frame in own]),
-        "provisional_label": np.concatenate(side_by_side(provisional, own)),
-        "label": np.concatenate([final[frame] for frame in own]),
-    }
+    parts = side_by_side(label, np.array_split(np.arange(start, end), min(THREADS, end - start)))
+    whole = {name: [value for part in parts for value in part[name]] for name in parts[0]}
+    arrays = {name: np.concatenate(values) for name, values in whole.items() if name != "joint"}
+    arrays["joint"] = np.stack(whole["joint"])
     return write_block(place, into, (start, end), arrays, begun)
 
 
@@ -279,7 +286,7 @@ class _Surfaces(Sequence[SurfaceFrame]):
 def _fit_jointly(
     source: Capture, frames: VoxelFrames, start: dict[str, NDArray], initial_frame: int,
     seen: Extremities, settings: PosingSettings,
-) -> dict[str, NDArray]:  # fmt: skip
+) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
     fitted = fit_poses(
         join_runs(list(frames.hulls(0, len(frames)))),
@@ -293,24 +300,37 @@ def _fit_jointly(
         cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
         settings=settings.joint,
     )
-    _, axes = local_systems(start["position"])
-    blobs = [label_blobs(fitted, frame) for frame in range(len(frames))]
-    return {
+    _, axes = local_systems(fitted.initial)
+    index = frames.index(initial_frame)
+    fields = make_body_fields(
+        index, voxel_centers(frames.grid, index), start["label"],
+        dict(zip(JOINTS, start["position"], strict=True)), frames.grid.voxel_m,
+    )  # fmt: skip
+    turn, shift = carry_back(
+        np.stack([place_bones(pose, fitted.model.origin) for pose in fitted.poses]),
+        np.stack([pose.rotation for pose in fitted.poses]),
+        fitted.model.origin,
+        np.array(frames.grid.origin_m),
+        frames.grid.voxel_m,
+    )
+    arrays = {
+        "initial_joint": fitted.initial,
         "joint": fitted.position,
         "position": fitted.position[:, _ORIGIN],
         "rotation": fitted.rotation @ axes,
         "quality": fitted.quality,
         "doubtful": fitted.doubtful,
-        "blob_mean": np.stack([mean for mean, _, _ in blobs]).astype(np.float32),
-        "blob_inverse": np.stack([inverse for _, inverse, _ in blobs]).astype(np.float32),
-        "blob_segment": blobs[0][2],
+        "turn": turn,
+        "shift": shift,
+        **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
+    return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
 
 
 def _fit_as_paper(
     source: Capture, frames: VoxelFrames, start: dict[str, NDArray], initial_frame: int,
     seen: Extremities, settings: PosingSettings,
-) -> dict[str, NDArray]:  # fmt: skip
+) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit frame after frame from the head outwards, with the labels that lead there."""
     center = voxel_centers(frames.grid, frames.index(initial_frame))
     body = measure_body(center, start["label"], start["position"])
@@ -323,7 +343,7 @@ def _fit_as_paper(
     for frame in range(len(frames)):
         index = frames.index(frame)
         if frame > initial_frame and len(index):
-            skin = _skin_labels(frames, frame, fit, rule, source)
+            skin = _skin_labels(frames, frame, index, fit, rule, source)
             before = frames.index(previous)
             provisional = label_provisionally(
                 index, before, label, body.shape.volume_share, rule, skin_label=skin
@@ -343,7 +363,8 @@ def _fit_as_paper(
         if frame > initial_frame and previous == frame:
             label = label_frame(voxel_centers(frames.grid, index), index, mean, inverse)
     track = join_poses(body.shape, found)
-    return {
+    arrays = {
+        "initial_joint": start["position"],
         "joint": track.joint,
         "position": track.position,
         "rotation": track.rotation,
@@ -351,63 +372,70 @@ def _fit_as_paper(
         "doubtful": track.quality.min(axis=1) < _STARVED,
         "blob_mean": np.stack(means),
         "blob_inverse": np.stack(inverses),
-        "blob_segment": np.arange(11),
     }
+    return arrays, list(zip(means, inverses, strict=True))
 
 
 def _doubts(
-    frames: VoxelFrames, fit: dict[str, NDArray], initial_frame: int, settings: DoubtSettings
-) -> dict[str, NDArray]:
+    frames: VoxelFrames, doubtful: NDArray[np.bool_], blobs: Blobs, initial_frame: int,
+    settings: DoubtSettings,
+) -> dict[str, NDArray]:  # fmt: skip
     """Return in which frames voxels are left unexplained or cut off: their pose is doubtful."""
-    share, cut_off = np.zeros(len(frames)), np.zeros(len(frames), np.bool_)
-    for frame in range(len(frames)):
+
+    def look(frame: int) -> tuple[float, bool]:
         index = frames.index(frame)
         center = voxel_centers(frames.grid, index)
-        blobs = fit["blob_mean"][frame], fit["blob_inverse"][frame]
-        share[frame] = unexplained_share(center, *blobs, beyond=settings.far)
-        cut_off[frame] = bool(cut_off_at(index, frames.grid.shape))
+        share = unexplained_share(center, *blobs[frame], beyond=settings.far)
+        return share, bool(cut_off_at(index, frames.grid.shape))
+
+    share, cut_off = map(np.array, zip(*side_by_side(look, range(len(frames))), strict=True))
     unexplained = share > share[initial_frame] + settings.unexplained
-    doubtful = fit["doubtful"] | unexplained | cut_off
-    return {"unexplained": unexplained, "cut_off": cut_off, "doubtful": doubtful}
+    return {
+        "unexplained": unexplained,
+        "cut_off": cut_off,
+        "doubtful": doubtful | unexplained | cut_off,
+    }
 
 
-def _final(frames: VoxelFrames, frame: int, fit: dict[str, NDArray]) -> NDArray[np.uint8]:
-    """Return the final labels of a frame."""
+def _final(
+    frames: VoxelFrames, frame: int, fit: dict[str, NDArray]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """Return index, neighbors and final labels of a frame's voxels."""
     index = frames.index(frame)
+    neighbors = voxel_neighbors(index)
     if not len(index):
-        return np.zeros(0, np.uint8)
-    return label_frame(
-        voxel_centers(frames.grid, index),
-        index,
-        fit["blob_mean"][frame],
-        fit["blob_inverse"][frame],
-        segment=fit["blob_segment"],
-        neighbors=voxel_neighbors(index),
+        return index, neighbors, np.zeros(0, np.uint8)
+    if "blob_mean" in fit:
+        center = voxel_centers(frames.grid, index)
+        blobs = fit["blob_mean"][frame], fit["blob_inverse"][frame]
+        return index, neighbors, label_frame(center, index, *blobs, neighbors=neighbors)
+    fields = BoneFields(
+        fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
     )
+    turn, shift = fit["turn"][frame], fit["shift"][frame]
+    return index, neighbors, label_carried(index, fields, turn, shift, neighbors=neighbors)
 
 
 def _skin_labels(
-    frames: VoxelFrames, frame: int, fit: dict[str, NDArray], settings: ProvisionalSettings,
-    source: Capture,
+    frames: VoxelFrames, frame: int, index: NDArray[np.int32], fit: dict[str, NDArray],
+    settings: ProvisionalSettings, source: Capture,
 ) -> NDArray[np.uint8]:  # fmt: skip
     """Return the label of the face's and the hands' voxels, 0 elsewhere."""
-    index = frames.index(frame)
     label = np.zeros(len(index), np.uint8)
     place = fit["seen"][frame]
     if not np.isfinite(place).all():
         return label
     is_surface, color, camera = frames.surface(frame)
-    surface = index[is_surface]
     skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
-    own = is_skin(skin, color) & (camera != 255)
+    own = np.flatnonzero(is_surface)[is_skin(skin, color) & (camera != 255)]
     stature_m = source.stature_m or 1.6
     regions = track_skin(
-        surface,
-        voxel_centers(frames.grid, surface),
-        own,
+        index[own],
+        voxel_centers(frames.grid, index[own]),
+        np.ones(len(own), np.bool_),
         place,
         reach_m=settings.skin_speed * stature_m / source.fps,
         least_voxels=round(settings.least_skin_m2 / frames.grid.voxel_m**2),
     )
-    label[is_surface] = regions.label
+    label[own] = regions.label
     return label

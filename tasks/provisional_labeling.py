@@ -18,11 +18,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
-from tasks.geometry.label_regions import clean_labels, voxel_neighbors
+from tasks.geometry.label_regions import clean_labels, nearest_at_rim, voxel_neighbors
 
 SKIN_LABELS = (1, 5, 7)
 """The labels of the face, the right and the left hand: Head, RForeArm, LForeArm."""
@@ -136,11 +133,10 @@ def label_from_previous(
     before = (previous_index, np.asarray(previous_label, np.uint8))
     _take_nearest(index, before, (low - _REACH, stride), _OFFSETS @ stride, box, label)
     far = np.flatnonzero(label == 0)
-    if len(far):  # from outside, the nearest voxel is at a rim
-        rim = np.flatnonzero((voxel_neighbors(previous_index) < 0).any(axis=1))
-        tree = KDTree(previous_index[rim], balanced_tree=False, compact_nodes=False)
-        _, nearest = tree.query(index[far])
-        label[far] = before[1][rim[nearest]]
+    if len(far):
+        around = voxel_neighbors(previous_index)
+        every = np.ones(len(previous_index), np.bool_)
+        label[far] = before[1][nearest_at_rim(index[far], previous_index, around, every)]
     return label
 
 
@@ -264,10 +260,39 @@ def label_provisionally(
 
 def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the region of each voxel, of voxels within two of each other, and the sizes."""
-    pairs = KDTree(index).query_pairs(2.0, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), np.bool_), pairs.T), shape=(len(index),) * 2)
-    _, region = connected_components(graph, directed=False)
+    low, high = np.array(index[0], np.int64), np.array(index[0], np.int64)
+    _stretch_box(index, low, high)
+    sides = high - low + 5
+    stride = np.array([sides[1] * sides[2], sides[2], 1])
+    near = _OFFSETS[(_OFFSETS**2).sum(axis=1) <= 4]
+    box = np.zeros(int(np.prod(sides)), np.int32)
+    region = np.full(len(index), -1, np.int32)
+    _spread(index, (low - 2, stride), near @ stride, box, region)
     return region, np.bincount(region)
+
+
+@njit(cache=True, nogil=True)
+def _spread(index: Any, frame: Any, step: Any, box: Any, region: Any) -> None:
+    """Write the region of each voxel: what steps lead to from its first voxel."""
+    stack = np.empty(len(index), np.int32)
+    for n in range(len(index)):
+        box[_place_of(index[n], frame)] = n + 1
+    count = 0
+    for seed in range(len(index)):
+        if region[seed] >= 0:
+            continue
+        region[seed] = count
+        stack[0], top = seed, 1
+        while top:
+            top -= 1
+            place = _place_of(index[stack[top]], frame)
+            for k in range(len(step)):
+                other = box[place + step[k]] - 1
+                if other >= 0 and region[other] < 0:
+                    region[other] = count
+                    stack[top] = other
+                    top += 1
+        count += 1
 
 
 @njit(cache=True, nogil=True)
@@ -317,13 +342,13 @@ def _dilate(label: Any, neighbors: Any, share: Any, limits: Any) -> None:
             members[own - 1] += 1
     wanted = share * (len(label) - count[0])
     ring = np.empty(len(label), np.int32)
-    in_ring = np.zeros(len(label), np.bool_)
+    marks = np.zeros((2, len(label)), np.bool_)
     for _ in range(most_rings):
         worst = _most_shrunken(count, wanted, enough)
         if worst < 0:
             break
         kept, size = _find_ring(
-            label, neighbors, worst + 1, (member[worst], members[worst]), ring, in_ring
+            label, neighbors, worst + 1, (member[worst], members[worst]), ring, marks
         )
         taken = min(size, np.int64(np.ceil(wanted[worst])) - count[worst + 1])
         for n in range(taken):
@@ -331,6 +356,9 @@ def _dilate(label: Any, neighbors: Any, share: Any, limits: Any) -> None:
             count[label[voxel]] -= 1
             label[voxel] = worst + 1
             member[worst, kept + n] = voxel
+            for k in range(6):
+                if neighbors[voxel, k] >= 0:
+                    marks[1, neighbors[voxel, k]] = False
         count[worst + 1] += taken
         members[worst] = kept + taken
         if not size:
@@ -348,21 +376,31 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_ring(label: Any, neighbors: Any, own: Any, members: Any, ring: Any, in_ring: Any) -> Any:
-    """Write the labeled voxels next to a label; return how many members and voxels there are."""
+def _find_ring(label: Any, neighbors: Any, own: Any, members: Any, ring: Any, marks: Any) -> Any:
+    """Write the labeled voxels next to a label; return how many members and voxels there are.
+
+    `marks` are what is in the ring, none before and after, and what is known to be enclosed by
+    its own label.
+    """
     member, end = members
+    in_ring, enclosed = marks
     kept = size = 0
     for m in range(end):
         voxel = member[m]
         if label[voxel] == own:  # was not taken since
             member[kept] = voxel
             kept += 1
+            if enclosed[voxel]:
+                continue
+            enclosed[voxel] = True
             for k in range(6):
                 other = neighbors[voxel, k]
-                if other >= 0 and label[other] and label[other] != own and not in_ring[other]:
-                    in_ring[other] = True
-                    ring[size] = other
-                    size += 1
+                if other >= 0 and label[other] and label[other] != own:
+                    enclosed[voxel] = False
+                    if not in_ring[other]:
+                        in_ring[other] = True
+                        ring[size] = other
+                        size += 1
     for n in range(size):
         in_ring[ring[n]] = False
     return kept, size

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from storage.blocks import read_block
 from storage.places import Place
-from tasks.geometry.voxels import VoxelGrid, VoxelRuns, take_frame, voxel_index
+from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame, voxel_index
 
 
 class VoxelFrames:
@@ -58,9 +58,8 @@ class VoxelFrames:
         camera : (surface voxel,) uint8
             255 where no camera sees the voxel.
         """
-        runs, colors, inside = self._find(frame)
-        lengths = np.concatenate([[0], np.cumsum(runs.length, dtype=np.int64)])
-        voxels = slice(*lengths[runs.offset[inside : inside + 2]])
+        _, colors, inside = self._find(frame)
+        voxels = slice(*colors["voxels"][inside : inside + 2])
         surface = slice(*colors["offset"][inside : inside + 2])
         return colors["is_surface"][voxels], colors["color"][surface], colors["camera"][surface]
 
@@ -78,4 +77,5 @@ class VoxelFrames:
 
     def _read_blocks(self, number: int) -> tuple[VoxelRuns, dict[str, NDArray]]:
         runs = VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
-        return runs, read_block(self._place, self._colors[number])
+        colors = read_block(self._place, self._colors[number])
+        return runs, {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}

@@ -115,6 +115,20 @@ def test_a_piece_apart_takes_the_nearest_label(rng):
     np.testing.assert_array_equal(clean[:-2], label[:-2])
 
 
+@pytest.mark.parametrize("sought", [3, 300], ids=["along the list", "by a tree"])
+def test_the_nearest_at_a_rim_is_the_nearest_of_all_that_count(rng, sought):
+    index, label = noise(rng, 3, density=0.9)
+    outside = np.add(rng.integers(-4, 12, (sought, 3)), [25, 3, 700])
+    counts = label > 0
+    found = label_regions.nearest_at_rim(
+        outside, index, label_regions.voxel_neighbors(index), counts
+    )
+    away = np.linalg.norm(outside[:, None] - index[counts], axis=2)
+    np.testing.assert_allclose(np.linalg.norm(outside - index[found], axis=1), away.min(axis=1))
+    assert counts[found].all()
+    assert len(set(found.tolist())) > 1
+
+
 def test_cleaning_changes_nothing_that_is_clean_and_not_its_argument(rng):
     index, label = noise(rng, 4)
     kept = label.copy()

@@ -5,10 +5,10 @@ import pytest
 
 from storage.schema import JOINTS, SEGMENTS
 from tasks.geometry import articulated, blobs, limb_search
-from tasks.geometry.articulated import BONES, PARENT, Pose
+from tasks.geometry.articulated import BONES, PARENT, SEGMENT, Pose
 from tasks.geometry.blob_fitting import bones_of_voxels, make_model
 from tasks.geometry.voxels import VoxelGrid, encode_runs
-from tasks.pose_fitting import fit_poses, label_blobs
+from tasks.pose_fitting import fit_poses, fitted_blobs
 
 B = BONES.index
 
@@ -243,7 +243,8 @@ def test_a_waving_figure_is_followed_through_an_empty_frame(waving):
     assert away.max() < 0.15
     assert fitted.doubtful.tolist() == [t == 5 for t in range(9)]
     assert (fitted.quality[5] == 0).all()
-    mean, inverse, segment = label_blobs(fitted, 8)
+    mean, inverse = fitted_blobs(fitted, 8)
+    segment = SEGMENT[fitted.model.blobs.bone]
     _, occupied, label = figures[8]
     points = np.asarray(GRID.origin_m) + np.argwhere(occupied) * GRID.voxel_m
     d = points[:, None] - mean

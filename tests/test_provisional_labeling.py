@@ -1,5 +1,8 @@
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from tasks import provisional_labeling as provisional
 from tasks.geometry.label_regions import voxel_neighbors
@@ -182,6 +185,18 @@ def test_a_hand_out_of_reach_or_too_small_keeps_its_place():
     none = track((*scene[:2], np.zeros(240, bool)), [[0.0, 0, 0]] * 3)
     assert not none.label.any()
     assert not none.found.any()
+
+
+@pytest.mark.parametrize("density", [0.01, 0.05, 0.3])
+def test_regions_of_skin_are_those_of_all_pairs_within_two_voxels(rng, density):
+    index = np.add(np.argwhere(rng.random((19, 23, 17)) < density), [30, 2, 600]).astype(np.int32)
+    region, size = provisional._skin_regions(index)
+    pairs = KDTree(index).query_pairs(2.0, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(index),) * 2)
+    count, wanted = connected_components(graph, directed=False)
+    assert len(set(zip(region.tolist(), wanted.tolist(), strict=True))) == count == len(size)
+    np.testing.assert_array_equal(size, np.bincount(region))
+    assert count > 1 or density > 0.1
 
 
 def test_hands_that_touch_share_their_region():

@@ -1,7 +1,8 @@
 """Label voxels by the bone they are nearest to, bones having the thickness of a body.
 
 Thicknesses are shares of the body's size, from the girths of adults over their statures
-(compare the radii in Drillis and Contini 1966). Points are metres with y up.
+(compare the radii in Drillis and Contini 1966). Neighbors on the trunk are parted by planes
+where anatomy parts them: thickness says nothing there. Points are metres with y up.
 """
 
 from collections.abc import Mapping
@@ -33,6 +34,15 @@ GROIN_RISE = 0.9
 """How far the border of waist and leg rises, to the outside, as tangent: along the groin."""
 FLATNESS = 0.70
 """Depth of a trunk over its width."""
+WAIST_RISE = 0.315
+"""Height of the border of waist and body, as a share of that from the hips to the top of the head:
+where the ribs end, midway between xiphion and omphalion, 0.664 of the stature, with the hips at
+0.5095 (means of women and men, De Leva 1996)."""
+NECK_REACH, SHOULDER_REACH = 0.12, 0.10
+"""How far from its joint the plane that parts the head, an arm, holds: half the breadth of the
+shoulders, the length from the shoulder to the armpit and some cloth; statures."""
+CLOTH = 0.015
+"""How much thicker a limb is than its bone's radius at most, before it is cloth, statures."""
 
 
 def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:
@@ -85,18 +95,66 @@ def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint
         distance = np.linalg.norm(off, axis=1) - size * (thick + share * (thin - thick))
         closer = distance < least
         least[closer], label[closer] = distance[closer], number
+    _cut_off_head_and_arms(point, places, label, size)
     _cut_trunk(point, places, label)
     return label
+
+
+def is_limb(
+    point: Points, joints: Mapping[str, Points], label: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Return (voxel,) False where a point labeled an arm or a leg is cloth around it.
+
+    Parameters
+    ----------
+    point : (voxel, 3) float64
+        Metres.
+    joints
+        Complete joints.
+    label : (voxel,) int
+        1 to 11; 0 is none.
+    """
+    size = body_size(joints)
+    limb = np.asarray(label) < BONES[3][0]
+    for number, first, last, thick, thin in BONES[3:]:
+        own = np.flatnonzero(label == number)
+        start, bone = joints[first], joints[last] - joints[first]
+        share = np.clip((point[own] - start) @ bone / max(float(bone @ bone), 1e-12), 0.0, 1.0)
+        away = np.linalg.norm(point[own] - start - share[:, None] * bone, axis=1)
+        limb[own] |= away <= size * (thick + share * (thin - thick) + CLOTH)
+    return limb
+
+
+def _cut_off_head_and_arms(
+    point: Points, places: Mapping[str, Points], label: NDArray[np.uint8], size: float
+) -> None:
+    """Part the body from head and upper arms, in place, by planes near the joints.
+
+    The neck is cut across. An arm that hangs is cut upright; one that is stretched from the inner
+    end of the shoulder, above, to the armpit, which is farther out.
+    """
+    up = _unit(places["Neck"] - places["Hips"])
+    across = _unit(places["LShoulder"] - places["RShoulder"])
+    cuts = [(1, "Neck", places["Head"] - places["Neck"], NECK_REACH)]
+    for number, side, outward in ((4, "R", -across), (6, "L", across)):
+        arm = _unit(places[f"{side}Elbow"] - places[f"{side}Shoulder"])
+        cuts.append((number, f"{side}Shoulder", outward + arm + up, SHOULDER_REACH))
+    for number, joint, normal, reach in cuts:
+        away = point - places[joint]
+        here = (label == 2) | (label == number)
+        here &= np.linalg.norm(away, axis=1) < reach * size
+        label[here] = np.where(away[here] @ normal >= 0, number, 2)
 
 
 def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.uint8]) -> None:
     """Part body, waist and upper legs, in place, by planes.
 
-    One halves the bend of the spine at the waist; one through each hip rises outwards.
+    One halves the bend of the spine where the ribs end; one through each hip rises outwards.
     """
     up = _unit(places["Waist"] - places["Hips"])
     across = _unit(places["LHip"] - places["RHip"])
-    above = (point - places["Waist"]) @ (up + _unit(places["Neck"] - places["Waist"])) >= 0
+    ribs = places["Hips"] + WAIST_RISE * ((places["Head"] - places["Hips"]) @ up) * up
+    above = (point - ribs) @ (up + _unit(places["Neck"] - places["Waist"])) >= 0
     label[(label == 3) & above] = 2
     label[(label == 2) & ~above] = 3
     left = (point - places["Hips"]) @ across > 0

@@ -15,6 +15,8 @@ from scipy.spatial import KDTree
 NOBODY = -1
 """The neighbor of a voxel where there is none."""
 
+_FEW = 200  # voxels that are sought faster along the list than by a tree, which has to be made
+
 
 def voxel_neighbors(index: NDArray[np.integer]) -> NDArray[np.int32]:
     """Return the place in the list of each voxel's six neighbors.
@@ -126,7 +128,8 @@ def clean_labels(
             f"{label.shape} labels and voxels of shape {index.shape} do not fit; pass a label and "
             "three indices for each voxel"
         )
-    if len(label) and not (label.min() >= 0 and label.max() <= 255):
+    is_small = label.dtype == np.uint8 or not len(label)
+    if not (is_small or (label.min() >= 0 and label.max() <= 255)):
         raise ValueError(
             f"labels from {label.min()} to {label.max()} are no labels; pass 0 (none) to 255"
         )
@@ -136,11 +139,36 @@ def clean_labels(
     _grow(clean, neighbors)
     lost = clean == 0
     if lost.any() and not lost.all():
-        rim = ~lost & (neighbors < 0).any(axis=1)  # from outside, the nearest voxel is at a rim
-        tree = KDTree(index[rim], balanced_tree=False, compact_nodes=False)
-        _, nearest = tree.query(index[lost])
-        clean[lost] = clean[rim][nearest]
+        place = nearest_at_rim(index[lost], index, neighbors, ~lost)
+        clean[lost] = clean[place]
     return clean
+
+
+def nearest_at_rim(
+    sought: NDArray[np.integer],
+    index: NDArray[np.integer],
+    neighbors: NDArray[np.int32],
+    counts: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Return the place in the list of the voxel nearest to each of some voxels outside.
+
+    Parameters
+    ----------
+    sought : (sought, 3) int
+        In the grid; none of them is one of the list that counts.
+    index, neighbors : (voxel, 3) int and (voxel, 6) int32
+        The list, and its neighbors as `voxel_neighbors` gives them.
+    counts : (voxel,) bool
+        Which voxels of the list count; at least one.
+    """
+    sought, index = np.ascontiguousarray(sought), np.ascontiguousarray(index)
+    if len(sought) > _FEW:
+        rim = np.flatnonzero(counts & (neighbors < 0).any(axis=1))
+        tree = KDTree(index[rim], balanced_tree=False, compact_nodes=False)
+        return rim[tree.query(sought)[1]]
+    nearest = np.empty(len(sought), np.int64)
+    _search(sought, index, neighbors, counts, nearest)
+    return nearest
 
 
 @njit(cache=True, nogil=True)
@@ -176,29 +204,85 @@ def _find_neighbors(number: Any, step: Any, neighbors: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _find_regions(label: Any, neighbors: Any, region: Any, first_and_size: Any) -> Any:
-    """Write the region of each voxel, and of each region; return how many there are."""
-    stack = np.empty(len(label), np.int32)
-    count = 0
-    for seed in range(len(label)):
-        if label[seed] == 0 or region[seed] >= 0:
+    """Write the region of each voxel, and of each region; return how many there are.
+
+    Stretches of a label along z are joined to those that they touch before them along y and x;
+    of stretches that are joined the first stands for all.
+    """
+    first = np.empty(len(label), np.int32)
+    stretches = 0
+    for n in range(len(label)):
+        own = label[n]
+        if own == 0:
             continue
-        region[seed] = count
-        stack[0] = seed
-        top = 1
-        size = 0
-        while top:
-            top -= 1
-            voxel = stack[top]
-            size += 1
-            for k in range(6):
-                other = neighbors[voxel, k]
-                if other >= 0 and region[other] < 0 and label[other] == label[seed]:
-                    region[other] = count
-                    stack[top] = other
-                    top += 1
-        first_and_size[count, 0], first_and_size[count, 1] = seed, size
-        count += 1
+        back = neighbors[n, 0]
+        goes_on = back >= 0 and label[back] == own
+        if not goes_on:
+            first[stretches] = stretches
+            stretches += 1
+        region[n] = stretches - 1
+        for k in (2, 4):
+            beside = neighbors[n, k]
+            if beside < 0 or label[beside] != own:
+                continue
+            if goes_on and neighbors[back, k] == beside - 1 and label[beside - 1] == own:
+                continue  # joined a voxel ago
+            a, b = _first_of(first, stretches - 1), _first_of(first, region[beside])
+            first[max(a, b)] = min(a, b)
+    count = _count_firsts(first[:stretches])
+    for n in range(len(label)):
+        if region[n] >= 0:
+            region[n] = first[region[n]]
+            if first_and_size[region[n], 1] == 0:
+                first_and_size[region[n], 0] = n
+            first_and_size[region[n], 1] += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def _first_of(first: Any, stretch: Any) -> Any:
+    """Return the stretch that stands for one, and shorten the way there."""
+    while first[stretch] != stretch:
+        first[stretch] = first[first[stretch]]
+        stretch = first[stretch]
+    return stretch
+
+
+@njit(cache=True, nogil=True)
+def _count_firsts(first: Any) -> Any:
+    """Write the number of its region for each stretch; return how many regions there are."""
+    count = 0
+    for stretch in range(len(first)):
+        if first[stretch] == stretch:
+            first[stretch] = count
+            count += 1
+        else:  # it was joined to an earlier one, which has its number by now
+            first[stretch] = first[first[stretch]]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _search(sought: Any, index: Any, neighbors: Any, counts: Any, nearest: Any) -> None:
+    """Write the place of the voxel nearest to each sought one, the first of equally near.
+
+    From outside, the nearest voxel is at a rim: one with an empty neighbor.
+    """
+    least = np.full(len(sought), 2**62)
+    for n in range(len(index)):
+        enclosed = True
+        for k in range(6):
+            enclosed &= neighbors[n, k] >= 0
+        if enclosed or not counts[n]:
+            continue
+        for s in range(len(sought)):
+            dx, dy, dz = (
+                np.int64(index[n, 0] - sought[s, 0]),
+                np.int64(index[n, 1] - sought[s, 1]),
+                np.int64(index[n, 2] - sought[s, 2]),
+            )
+            away = dx * dx + dy * dy + dz * dz
+            if away < least[s]:
+                least[s], nearest[s] = away, n
 
 
 @njit(cache=True, nogil=True)

@@ -241,10 +241,11 @@ def voxel_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
     ValueError
         If there is no such frame.
     """
+    one = take_frame(runs, frame)
     _, ny, nz = runs.shape
-    column, z = np.divmod(_numbers(take_frame(runs, frame)), nz)
-    x, y = np.divmod(column, ny)
-    return np.stack([x, y, z], axis=1).astype(np.int32)
+    index = np.empty((int(one.length.sum(dtype=np.int64)), 3), np.int32)
+    _write_index(one.start, one.length, (ny, nz), index)
+    return index
 
 
 def padded_crop(
@@ -301,6 +302,20 @@ def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
     length = runs.length.astype(np.int64)
     before = np.cumsum(length) - length
     return np.repeat(runs.start.astype(np.int64) - before, length) + np.arange(length.sum())
+
+
+@njit(cache=True, nogil=True)
+def _write_index(start: Any, length: Any, sides: Any, index: Any) -> None:
+    """Write the index of each voxel of the runs, in order."""
+    ny, nz = sides
+    voxel = 0
+    for run in range(len(start)):
+        number = np.int64(start[run])
+        column = number // nz
+        x, y, z = column // ny, column % ny, number % nz
+        for k in range(np.int64(length[run])):
+            index[voxel, 0], index[voxel, 1], index[voxel, 2] = x, y, z + k
+            voxel += 1
 
 
 @njit(cache=True, nogil=True)

@@ -312,7 +312,9 @@ def extract_block(
     -------
     dict
         As `storage.blocks.write_block`; the array `silhouette` is (time, camera, row, column / 8),
-        packed along the columns; beside an image smaller than the others it is False.
+        packed along the columns; beside an image smaller than the others it is False. `color` is
+        (pixel, 3) uint8, RGB, of the silhouettes' pixels in their order: what coloring needs of
+        the films, so that they are decoded once.
 
     Raises
     ------
@@ -325,15 +327,18 @@ def extract_block(
     rows, columns = largest_image(source.cameras)
     shape = (end - start, len(source.cameras), rows, -(-columns // 8))
     packed = np.zeros(shape, np.uint8)
+    color: list[NDArray[np.uint8]] = []
     for first, films in read_films(source, start, end):
 
-        def extract(camera: int, first: int = first, films: Any = films) -> None:
-            found = np.packbits(
-                extract_silhouettes(films[camera], backgrounds[camera], settings), axis=-1
-            )
-            part = packed[first - start : first - start + len(found), camera]
-            part[:, : found.shape[1], : found.shape[2]] = found
+        def extract(camera: int, first: int = first, films: Any = films) -> list[NDArray[np.uint8]]:
+            film = films[camera]
+            found = extract_silhouettes(film, backgrounds[camera], settings)
+            bits = np.packbits(found, axis=-1)
+            part = packed[first - start : first - start + len(bits), camera]
+            part[:, : bits.shape[1], : bits.shape[2]] = bits
+            return [frame[inside] for frame, inside in zip(film, found, strict=True)]
 
-        side_by_side(extract, range(len(films)))
-    place = open_archive(archive).place
-    return write_block(place, into, (start, end), {"silhouette": packed}, begun)
+        of_cameras = side_by_side(extract, range(len(films)))
+        color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
+    arrays = {"silhouette": packed, "color": np.concatenate(color)}
+    return write_block(open_archive(archive).place, into, (start, end), arrays, begun)

@@ -33,15 +33,15 @@ from tasks.capture_films import (
     projection_of,
     side_by_side,
 )
-from tasks.geometry.projection import Projection, camera_centers, project_points
+from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
     padded_crop,
+    surface_index,
     surface_voxels,
     take_frame,
     voxel_centers,
-    voxel_index,
 )
 
 NO_CAMERA = 255
@@ -120,12 +120,11 @@ def color_surface(
         cameras, or there are more than 255 cameras.
     """
     _check(hull, grid, images, silhouettes, projection)
-    index = voxel_index(hull, 0)[surface_voxels(hull, 0)]
+    index = surface_index(hull, 0)
     crop, begin = padded_crop(hull, 0, margin=_REACH)
     place = index - begin
-    filmed, _ = project_points(voxel_centers(grid, index), projection)
-    pixel = np.empty(filmed.shape, np.int32)
-    _find_pixels(filmed, silhouettes, pixel)
+    pixel = nearest_pixels(voxel_centers(grid, index), projection)
+    _keep_inside(silhouettes, pixel)
     normal = np.empty((len(index), 3))
     _find_normals(crop, place, normal)
     start = place + settings.lift_voxels * normal
@@ -181,18 +180,13 @@ def _check(
 
 
 @njit(cache=True, nogil=True)
-def _find_pixels(filmed: Any, silhouettes: Any, pixel: Any) -> None:
-    """Write row and column of where each voxel is filmed, or -1 outside the silhouette."""
-    for c in range(len(filmed)):
-        for n in range(filmed.shape[1]):
-            pixel[c, n, 0] = pixel[c, n, 1] = -1
-            if filmed[c, n, 0] == filmed[c, n, 0]:  # not NaN: seen
-                row, column = (
-                    int(np.floor(filmed[c, n, 1] + 0.5)),
-                    int(np.floor(filmed[c, n, 0] + 0.5)),
-                )
-                if silhouettes[c, row, column]:
-                    pixel[c, n, 0], pixel[c, n, 1] = row, column
+def _keep_inside(silhouettes: Any, pixel: Any) -> None:
+    """Write -1 for the pixels outside the silhouettes."""
+    for c in range(len(pixel)):
+        for n in range(pixel.shape[1]):
+            row, column = pixel[c, n, 0], pixel[c, n, 1]
+            if row >= 0 and not silhouettes[c, row, column]:
+                pixel[c, n, 0] = pixel[c, n, 1] = -1
 
 
 @njit(cache=True, nogil=True)

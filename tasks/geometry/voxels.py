@@ -296,6 +296,24 @@ def surface_voxels(runs: VoxelRuns, frame: int) -> NDArray[np.bool_]:
     return is_surface
 
 
+def surface_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
+    """Return (surface voxel, 3) the index of the voxels of a frame with an empty 6-neighbor.
+
+    They are `voxel_index` where `surface_voxels` is True.
+
+    Raises
+    ------
+    ValueError
+        If there is no such frame.
+    """
+    one = take_frame(runs, frame)
+    is_surface = surface_voxels(one, 0)
+    index = np.empty((int(np.count_nonzero(is_surface)), 3), np.int32)
+    _, ny, nz = runs.shape
+    _pick_index(one.start, one.length, (ny, nz), is_surface, index)
+    return index
+
+
 def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
     """Return the number of each voxel of all runs, in order."""
     length = runs.length.astype(np.int64)
@@ -329,6 +347,22 @@ def _find_surface(start: Any, length: Any, place: Any, crop: Any, is_surface: An
             beside = crop[x - 1, y, z + k] + crop[x + 1, y, z + k]
             beside += crop[x, y - 1, z + k] + crop[x, y + 1, z + k]
             is_surface[voxel] = k == 0 or k == last or beside != 4
+            voxel += 1
+
+
+@njit(cache=True, nogil=True)
+def _pick_index(start: Any, length: Any, sides: Any, wanted: Any, index: Any) -> None:
+    """Write the index of the voxels of the runs that are wanted."""
+    ny, nz = sides
+    voxel = found = 0
+    for run in range(len(start)):
+        number = np.int64(start[run])
+        column = number // nz
+        x, y, z = column // ny, column % ny, number % nz
+        for k in range(np.int64(length[run])):
+            if wanted[voxel]:
+                index[found, 0], index[found, 1], index[found, 2] = x, y, z + k
+                found += 1
             voxel += 1
 
 

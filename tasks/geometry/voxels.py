@@ -241,10 +241,7 @@ def voxel_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
     ValueError
         If there is no such frame.
     """
-    _, ny, nz = runs.shape
-    column, z = np.divmod(_numbers(take_frame(runs, frame)), nz)
-    x, y = np.divmod(column, ny)
-    return np.stack([x, y, z], axis=1).astype(np.int32)
+    return _index(_numbers(take_frame(runs, frame)), runs.shape)
 
 
 def padded_crop(
@@ -307,11 +304,14 @@ def surface_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
         If there is no such frame.
     """
     one = take_frame(runs, frame)
-    is_surface = surface_voxels(one, 0)
-    index = np.empty((int(np.count_nonzero(is_surface)), 3), np.int32)
-    _, ny, nz = runs.shape
-    _pick_index(one.start, one.length, (ny, nz), is_surface, index)
-    return index
+    return _index(_numbers(one)[surface_voxels(one, 0)], runs.shape)
+
+
+def _index(number: NDArray[np.int64], shape: tuple[int, int, int]) -> NDArray[np.int32]:
+    """Return (voxel, 3) the index of voxels given by their numbers."""
+    column, z = np.divmod(number, shape[2])
+    x, y = np.divmod(column, shape[1])
+    return np.stack([x, y, z], axis=1).astype(np.int32)
 
 
 def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
@@ -347,22 +347,6 @@ def _find_surface(start: Any, length: Any, place: Any, crop: Any, is_surface: An
             beside = crop[x - 1, y, z + k] + crop[x + 1, y, z + k]
             beside += crop[x, y - 1, z + k] + crop[x, y + 1, z + k]
             is_surface[voxel] = k == 0 or k == last or beside != 4
-            voxel += 1
-
-
-@njit(cache=True, nogil=True)
-def _pick_index(start: Any, length: Any, sides: Any, wanted: Any, index: Any) -> None:
-    """Write the index of the voxels of the runs that are wanted."""
-    ny, nz = sides
-    voxel = found = 0
-    for run in range(len(start)):
-        number = np.int64(start[run])
-        column = number // nz
-        x, y, z = column // ny, column % ny, number % nz
-        for k in range(np.int64(length[run])):
-            if wanted[voxel]:
-                index[found, 0], index[found, 1], index[found, 2] = x, y, z + k
-                found += 1
             voxel += 1
 
 

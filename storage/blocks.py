@@ -1,6 +1,6 @@
 """What a stage has made of a block of frames, between two tasks: a file below work/.
 
-    work/<take>/<name>.npz.zst    arrays by name, of some consecutive frames
+    work/<take>/<name>.npz    arrays by name, of some consecutive frames, each compressed by itself
 
 A block is written in one atomic operation, under a name that says all that it was made from, and
 is read only if its SHA-256 is the one that its writer gave. So a run can be killed anywhere, and
@@ -9,7 +9,7 @@ the next one goes on where it was; when the take is published, its blocks go.
 
 import io
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -36,8 +36,8 @@ def write_block(
         SHA-256. And `seconds` since `begun`, of `time.monotonic()`.
     """
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **dict(sorted(arrays.items())))
-    packed = bytes(_ZSTD.encode(content.getbuffer()))
+    np.savez(content, allow_pickle=False, **{n: _packed(arrays[n]) for n in sorted(arrays)})
+    packed = content.getvalue()
     write_file(place, path, packed)
     seconds = round(time.monotonic() - begun, 3)
     start, end = frames
@@ -45,8 +45,10 @@ def write_block(
     return {"path": path, "start": start, "end": end, "sha256": digest, "seconds": seconds}
 
 
-def read_block(place: Place, block: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Return the arrays of a block.
+def read_block(
+    place: Place, block: Mapping[str, Any], names: Sequence[str] | None = None
+) -> dict[str, NDArray]:
+    """Return the arrays of a block, or those of them that are named.
 
     Raises
     ------
@@ -61,8 +63,20 @@ def read_block(place: Place, block: Mapping[str, Any]) -> dict[str, NDArray]:
         raise ArchiveError(
             f"{place.url(block['path'])} was changed or removed during the run; run it again"
         )
-    with np.load(io.BytesIO(_ZSTD.decode(packed)), allow_pickle=False) as arrays:
-        return dict(arrays)
+    with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
+        return {name: _unpacked(arrays[name]) for name in names or arrays.files}
+
+
+def _packed(array: NDArray) -> NDArray[np.uint8]:
+    """Return an array as the compressed bytes of a .npy file."""
+    content = io.BytesIO()
+    np.save(content, array, allow_pickle=False)
+    return np.frombuffer(_ZSTD.encode(content.getbuffer()), np.uint8)
+
+
+def _unpacked(packed: NDArray[np.uint8]) -> NDArray:
+    """Return the array that was packed."""
+    return np.load(io.BytesIO(_ZSTD.decode(packed)), allow_pickle=False)
 
 
 def has_block(place: Place, block: Mapping[str, Any]) -> bool:
@@ -78,7 +92,7 @@ def block_path(take: str, digest: str, stage: str, start: int) -> str:
 
     `digest` is that of the capture.
     """
-    return f"{_block_prefix(take, digest)}{stage}-{start:08d}.npz.zst"
+    return f"{_block_prefix(take, digest)}{stage}-{start:08d}.npz"
 
 
 def discard_blocks(place: Place, take: str, digest: str) -> None:

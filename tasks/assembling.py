@@ -312,7 +312,7 @@ def _offsets(place: Place, blocks: Blocks) -> dict[str, NDArray[np.int64]]:
         sizes["run"].append(np.diff(runs["offset"]))
         sizes["voxel"].append(np.diff(total[runs["offset"]]))
     for block in blocks["coloring"]:
-        sizes["surface"].append(np.diff(read_block(place, block)["offset"]))
+        sizes["surface"].append(np.diff(read_block(place, block, ["offset"])["offset"]))
     return {
         over: np.concatenate([[0], np.cumsum(np.concatenate(parts))])
         for over, parts in sizes.items()
@@ -321,7 +321,7 @@ def _offsets(place: Place, blocks: Blocks) -> dict[str, NDArray[np.int64]]:
 
 def _arrays(place: Place, parts: Sequence[dict[str, Any]], name: str) -> Iterator[NDArray]:
     """Yield an array of block after block."""
-    return (read_block(place, block)[name] for block in parts)
+    return (read_block(place, block, [name])[name] for block in parts)
 
 
 def _unpacked(
@@ -329,7 +329,7 @@ def _unpacked(
 ) -> Iterator[NDArray[np.bool_]]:
     """Yield the silhouettes of some frames after another."""
     for block in parts:
-        packed = read_block(place, block)["silhouette"]
+        packed = read_block(place, block, ["silhouette"])["silhouette"]
         for first in range(0, len(packed), 8):
             bits = np.unpackbits(packed[first : first + 8], axis=-1, count=columns)
             yield bits.astype(np.bool_)

@@ -438,7 +438,7 @@ def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> 
     chosen = np.unique(np.linspace(0, source.frames - 1, _FRAMES_LOOKED_AT).round().astype(int))
     _, columns = largest_image(source.cameras)
     packed = [
-        read_block(place, block)["silhouette"][inside - block["start"]]
+        read_block(place, block, ["silhouette"])["silhouette"][inside - block["start"]]
         for block in blocks
         if len(inside := chosen[(chosen >= block["start"]) & (chosen < block["end"])])
     ]

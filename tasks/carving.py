@@ -422,12 +422,12 @@ def carve_block(
     begun = time.monotonic()
     source = read_capture(Path(capture))
     place = open_archive(archive).place
-    packed = read_block(place, silhouettes)["silhouette"]
+    packed = read_block(place, silhouettes, ["silhouette"])["silhouette"]
     projection, grid = projection_of(source.cameras), grid_of(source)
     _, columns = largest_image(source.cameras)
 
     def carve(frame: int) -> VoxelRuns:
-        silhouette = np.unpackbits(packed[frame], axis=-1, count=columns).astype(np.bool_)
+        silhouette = np.unpackbits(packed[frame], axis=-1, count=columns).view(np.bool_)
         return carve_visual_hull(silhouette, projection, grid, settings)
 
     runs = join_runs(side_by_side(carve, range(len(packed))))

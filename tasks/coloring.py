@@ -31,18 +31,17 @@ from tasks.capture_films import (
     grid_of,
     largest_image,
     projection_of,
-    read_films,
     side_by_side,
 )
-from tasks.geometry.projection import Projection, camera_centers, project_points
+from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
     padded_crop,
+    surface_index,
     surface_voxels,
     take_frame,
     voxel_centers,
-    voxel_index,
 )
 
 NO_CAMERA = 255
@@ -121,12 +120,11 @@ def color_surface(
         cameras, or there are more than 255 cameras.
     """
     _check(hull, grid, images, silhouettes, projection)
-    index = voxel_index(hull, 0)[surface_voxels(hull, 0)]
+    index = surface_index(hull, 0)
     crop, begin = padded_crop(hull, 0, margin=_REACH)
     place = index - begin
-    filmed, _ = project_points(voxel_centers(grid, index), projection)
-    pixel = np.empty(filmed.shape, np.int32)
-    _find_pixels(filmed, silhouettes, pixel)
+    pixel = nearest_pixels(voxel_centers(grid, index), projection)
+    _keep_inside(silhouettes, pixel)
     normal = np.empty((len(index), 3))
     _find_normals(crop, place, normal)
     start = place + settings.lift_voxels * normal
@@ -182,31 +180,32 @@ def _check(
 
 
 @njit(cache=True, nogil=True)
-def _find_pixels(filmed: Any, silhouettes: Any, pixel: Any) -> None:
-    """Write row and column of where each voxel is filmed, or -1 outside the silhouette."""
-    for c in range(len(filmed)):
-        for n in range(filmed.shape[1]):
-            pixel[c, n, 0] = pixel[c, n, 1] = -1
-            if filmed[c, n, 0] == filmed[c, n, 0]:  # not NaN: seen
-                row, column = (
-                    int(np.floor(filmed[c, n, 1] + 0.5)),
-                    int(np.floor(filmed[c, n, 0] + 0.5)),
-                )
-                if silhouettes[c, row, column]:
-                    pixel[c, n, 0], pixel[c, n, 1] = row, column
+def _keep_inside(silhouettes: Any, pixel: Any) -> None:
+    """Write -1 for the pixels outside the silhouettes."""
+    for c in range(len(pixel)):
+        for n in range(pixel.shape[1]):
+            row, column = pixel[c, n, 0], pixel[c, n, 1]
+            if row >= 0 and not silhouettes[c, row, column]:
+                pixel[c, n, 0] = pixel[c, n, 1] = -1
 
 
 @njit(cache=True, nogil=True)
 def _find_normals(crop: Any, place: Any, normal: Any) -> None:
-    """Write the outward unit normal of each voxel; 0 where what is around is symmetric."""
+    """Write the outward unit normal of each voxel; 0 where what is around is symmetric.
+
+    Away from what is occupied is toward what is empty, for the voxels around have the mean 0.
+    """
     for n in range(len(place)):
         x, y, z = place[n, 0], place[n, 1], place[n, 2]
         a = b = c = 0
         for i in range(-_REACH, _REACH + 1):
             for j in range(-_REACH, _REACH + 1):
-                for k in range(-_REACH, _REACH + 1):
-                    empty = 1 - np.int64(crop[x + i, y + j, z + k])
-                    a, b, c = a + i * empty, b + j * empty, c + k * empty
+                line = crop[x + i, y + j, z - _REACH : z + _REACH + 1]
+                count = 0
+                for k in range(2 * _REACH + 1):
+                    count += np.int64(line[k])
+                    c -= (k - _REACH) * np.int64(line[k])
+                a, b = a - i * count, b - j * count
         length = max(np.sqrt(a * a + b * b + c * c), 1.0)
         normal[n, 0], normal[n, 1], normal[n, 2] = a / length, b / length, c / length
 
@@ -335,6 +334,19 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
             reach += 1
 
 
+@njit(cache=True, nogil=True)
+def _place(silhouettes: Any, pixels: Any, images: Any) -> None:
+    """Write the pixels of silhouettes, one after another, where they were filmed."""
+    n = 0
+    for c in range(len(silhouettes)):
+        for row in range(silhouettes.shape[1]):
+            for column in range(silhouettes.shape[2]):
+                if silhouettes[c, row, column]:
+                    for k in range(3):
+                        images[c, row, column, k] = pixels[n, k]
+                    n += 1
+
+
 def color_block(
     archive: str, capture: str, digest: str, silhouettes: dict[str, Any], hulls: dict[str, Any],
     into: str, settings: ColoringSettings,
@@ -344,7 +356,7 @@ def color_block(
     Parameters
     ----------
     capture, digest
-        The folder with the films, and the digest of what is in it.
+        The folder with the calibration, and the digest of what is in it.
     silhouettes, hulls
         As `tasks.silhouettes.extract_block` and `tasks.carving.carve_block` returned them.
     into
@@ -362,31 +374,27 @@ def color_block(
     begun = time.monotonic()
     source = read_capture(Path(capture))
     place = open_archive(archive).place
-    packed = read_block(place, silhouettes)["silhouette"]
+    filmed = read_block(place, silhouettes)
+    packed, pixels = filmed["silhouette"], filmed["color"]
+    counts = [int(np.bitwise_count(each).sum(dtype=np.int64)) for each in packed]
+    edges = np.cumsum([0, *counts])
     projection, grid = projection_of(source.cameras), grid_of(source)
     runs = VoxelRuns(**read_block(place, hulls), shape=grid.shape)
-    start, end = silhouettes["start"], silhouettes["end"]
-    rows, columns = largest_image(source.cameras)
-    parts: list[tuple[NDArray[np.bool_], SurfaceColors]] = []
-    for first, films in read_films(source, start, end):
+    _, columns = largest_image(source.cameras)
 
-        def color(frame: int, first: int = first, films: Any = films) -> Any:
-            images = np.zeros((len(films), rows, columns, 3), np.uint8)
-            for image, film in zip(images, films, strict=True):
-                filmed = film[frame - first]
-                image[: filmed.shape[0], : filmed.shape[1]] = filmed
-            hull = take_frame(runs, frame - start)
-            silhouette = np.unpackbits(packed[frame - start], axis=-1, count=columns)
-            seen = silhouette.astype(np.bool_)
-            colored = color_surface(hull, grid, images, seen, projection, settings)
-            return surface_voxels(hull, 0), colored
+    def color(frame: int) -> tuple[NDArray[np.bool_], SurfaceColors]:
+        bits = np.unpackbits(packed[frame], axis=-1, count=columns)
+        images = np.empty((*bits.shape, 3), np.uint8)  # only silhouettes are looked at
+        _place(bits, pixels[edges[frame] : edges[frame + 1]], images)
+        hull, seen = take_frame(runs, frame), bits.view(np.bool_)
+        colored = color_surface(hull, grid, images, seen, projection, settings)
+        return surface_voxels(hull, 0), colored
 
-        parts += side_by_side(color, range(first, first + len(films[0])))
-    counts = [len(colored.color) for _, colored in parts]
+    parts = side_by_side(color, range(runs.frames))
     arrays = {
         "is_surface": np.concatenate([flags for flags, _ in parts]),
         "color": np.concatenate([colored.color for _, colored in parts]),
         "camera": np.concatenate([colored.camera for _, colored in parts]),
-        "offset": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        "offset": np.cumsum([0, *(len(colored.color) for _, colored in parts)]).astype(np.int64),
     }
-    return write_block(place, into, (start, end), arrays, begun)
+    return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)

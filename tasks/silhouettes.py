@@ -28,6 +28,7 @@ from storage.blocks import write_block
 from storage.formats.capture import read_capture
 from tasks.capture_films import largest_image, read_backgrounds, read_films, side_by_side
 from tasks.geometry.background import Background, measure_gain, smooth
+from tasks.geometry.specks import clean_region
 
 RULES = ("chroma", "crcb")
 
@@ -119,19 +120,31 @@ def extract_silhouettes(
     """
     _check_frames(frames, background)
     silhouettes = np.zeros(frames.shape[:3], np.bool_)
+    held = _Held(background)
     for frame, silhouette in zip(frames, silhouettes, strict=True):
-        image = smooth(frame)
-        seed = _seed(image, background, settings)
+        image = smooth(frame, held.image)
+        seed = _seed(image, background, held, settings)
         box = _box(seed, 2 * settings.reach_px)
         if box is None:
             continue
         least = settings.speck_share * seed.size, settings.hole_share * seed.size
         if settings.rule == "crcb":
-            _write_cleaned(seed[box], least, silhouette[box])
+            clean_region(seed[box], least, silhouette[box])
         else:
             outlined = _outlined(image[box], background.color[box], seed[box], least, settings)
-            _write_cleaned(outlined, least, silhouette[box])
+            clean_region(outlined, least, silhouette[box])
     return silhouettes
+
+
+class _Held:
+    """Arrays of the size of a picture, made once: the system takes its time to hand them out."""
+
+    def __init__(self, background: Background) -> None:
+        size = background.color.shape[:2]
+        self.behind = cv2.split(background.color)
+        self.image = np.empty((*size, 3), np.uint8)
+        self.planes = tuple(np.empty(size, np.uint8) for _ in range(3))
+        self.seed = np.empty(size, np.uint8)
 
 
 def _check_frames(frames: NDArray[Any], background: Background) -> None:
@@ -150,20 +163,26 @@ def _check_frames(frames: NDArray[Any], background: Background) -> None:
 
 
 def _seed(
-    image: NDArray[np.uint8], background: Background, settings: SilhouetteSettings
+    image: NDArray[np.uint8], background: Background, held: _Held, settings: SilhouetteSettings
 ) -> NDArray[np.uint8]:
     """Return the pixels that may show the performer: 1, the others 0."""
-    seed = np.empty(image.shape[:2], np.uint8)
     if settings.rule == "crcb":
-        _differ_in_chroma(image, background.color, np.float32(settings.crcb_threshold), seed)
-        return seed
-    gain = measure_gain(image, background)
+        threshold = np.float32(settings.crcb_threshold)
+        _differ_in_chroma(image, background.color, threshold, held.seed)
+        return held.seed
     limits = np.array(
-        [settings.threshold, settings.noise_levels, settings.darkest, settings.brightest],
+        [
+            measure_gain(image, background),
+            settings.threshold,
+            settings.noise_levels,
+            settings.darkest,
+            settings.brightest,
+        ],
         np.float32,
     )
-    _differ_in_color(image, background.color, background.noise, gain, limits, seed)
-    return seed
+    cv2.split(image, held.planes)
+    _differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
+    return held.seed
 
 
 def _outlined(
@@ -175,7 +194,7 @@ def _outlined(
 ) -> NDArray[np.uint8]:
     """Return the seed with its outline drawn where the colors beside it meet."""
     found = np.zeros(seed.shape, np.bool_)
-    _write_cleaned(seed, least, found)
+    clean_region(seed, least, found)
     inside = found.view(np.uint8)
     for _ in range(settings.passes):
         zone: Any = inside + cv2.erode(inside, _SQUARE, borderType=cv2.BORDER_REPLICATE)
@@ -185,56 +204,46 @@ def _outlined(
     return inside
 
 
-def _write_cleaned(
-    seed: NDArray[np.uint8], least: tuple[float, float], silhouette: NDArray[np.bool_]
-) -> None:
-    """Write the seed without specks (8-connected) and with its small holes (4-connected) filled."""
-    label, area = _components(seed, 8)
-    keep = area >= least[0]
-    keep[0] = False
-    np.take(keep, label, out=silhouette)
-    outside = (~silhouette).view(np.uint8)
-    label, area = _components(outside, 4)
-    fill = area < least[1]
-    fill[0] = False
-    for side in (label[0], label[-1], label[:, 0], label[:, -1]):
-        fill[side] = False  # the border of a picture closes no hole
-    if fill.any():
-        silhouette |= fill[label]
-
-
-def _components(image: NDArray[np.uint8], connectivity: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the component of each pixel, 0 where the image is 0, and each component's pixels."""
-    _, label, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=connectivity)
-    return label, stats[:, cv2.CC_STAT_AREA]
-
-
 def _box(seed: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
     """Return the rows and columns of what is set, with a margin; None where nothing is."""
-    rows, columns = np.flatnonzero(seed.any(axis=1)), np.flatnonzero(seed.any(axis=0))
-    if not rows.size:
+    column, row, columns, rows = cv2.boundingRect(seed)
+    if not rows:
         return None
     return (
-        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin),
-        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + 1 + margin),
+        slice(max(row - margin, 0), row + rows + margin),
+        slice(max(column - margin, 0), column + columns + margin),
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _differ_in_color(image, color, noise, gain, limits, seed):
-    """Set the pixels whose color no brightness of the background between the limits explains."""
-    threshold, levels, darkest, brightest = limits
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            r, g = np.float32(image[i, j, 0]), np.float32(image[i, j, 1])
-            b = np.float32(image[i, j, 2])
-            br, bg, bb = gain * color[i, j, 0], gain * color[i, j, 1], gain * color[i, j, 2]
+def _differ_in_color(image: Any, behind: Any, noise: Any, limits: Any, seed: Any) -> None:
+    """Set the pixels whose color no brightness of the background between the limits explains.
+
+    Planes of a channel each, and loops without branches, so that they are vectorized.
+    """
+    gain, threshold, levels, darkest, brightest = limits
+    reds, greens, blues = image
+    reds_behind, greens_behind, blues_behind = behind
+    columns = seed.shape[1]
+    far, limit = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    for i in range(seed.shape[0]):
+        for j in range(columns):
+            r, g = np.float32(reds[i, j]), np.float32(greens[i, j])
+            b = np.float32(blues[i, j])
+            br, bg = gain * reds_behind[i, j], gain * greens_behind[i, j]
+            bb = gain * blues_behind[i, j]
             length = br * br + bg * bg + bb * bb + np.float32(1.0)  # 1: black has no color
             share = (r * br + g * bg + b * bb) / length
-            share = min(max(share, darkest), brightest)
+            share = share if share > darkest else darkest
+            share = share if share < brightest else brightest
             r, g, b = r - share * br, g - share * bg, b - share * bb
-            limit = max(threshold, levels * noise[i, j])
-            seed[i, j] = r * r + g * g + b * b > limit * limit
+            far[j] = r * r + g * g + b * b
+        for j in range(columns):
+            least = levels * noise[i, j]
+            least = least if least > threshold else threshold
+            limit[j] = least * least
+        for j in range(columns):
+            seed[i, j] = far[j] > limit[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -303,7 +312,9 @@ def extract_block(
     -------
     dict
         As `storage.blocks.write_block`; the array `silhouette` is (time, camera, row, column / 8),
-        packed along the columns; beside an image smaller than the others it is False.
+        packed along the columns; beside an image smaller than the others it is False. `color` is
+        (pixel, 3) uint8, RGB, of the silhouettes' pixels in their order: what coloring needs of
+        the films, so that they are decoded once.
 
     Raises
     ------
@@ -316,15 +327,18 @@ def extract_block(
     rows, columns = largest_image(source.cameras)
     shape = (end - start, len(source.cameras), rows, -(-columns // 8))
     packed = np.zeros(shape, np.uint8)
+    color: list[NDArray[np.uint8]] = []
     for first, films in read_films(source, start, end):
 
-        def extract(camera: int, first: int = first, films: Any = films) -> None:
-            found = np.packbits(
-                extract_silhouettes(films[camera], backgrounds[camera], settings), axis=-1
-            )
-            part = packed[first - start : first - start + len(found), camera]
-            part[:, : found.shape[1], : found.shape[2]] = found
+        def extract(camera: int, first: int = first, films: Any = films) -> list[NDArray[np.uint8]]:
+            film = films[camera]
+            found = extract_silhouettes(film, backgrounds[camera], settings)
+            bits = np.packbits(found, axis=-1)
+            part = packed[first - start : first - start + len(bits), camera]
+            part[:, : bits.shape[1], : bits.shape[2]] = bits
+            return [frame[inside] for frame, inside in zip(film, found, strict=True)]
 
-        side_by_side(extract, range(len(films)))
-    place = open_archive(archive).place
-    return write_block(place, into, (start, end), {"silhouette": packed}, begun)
+        of_cameras = side_by_side(extract, range(len(films)))
+        color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
+    arrays = {"silhouette": packed, "color": np.concatenate(color)}
+    return write_block(open_archive(archive).place, into, (start, end), arrays, begun)

@@ -3,7 +3,12 @@ import pytest
 
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.coloring import NO_CAMERA, ColoringSettings, color_surface
-from tasks.geometry.projection import Projection, camera_centers
+from tasks.geometry.projection import (
+    Projection,
+    camera_centers,
+    nearest_pixels,
+    project_points,
+)
 from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers
 from tests import naive_voxels as naive
 
@@ -204,6 +209,17 @@ def test_what_no_camera_sees_at_all_is_black_and_marked(rng):
         assert len(found.color) == naive.surface(occupied).sum()
         assert not found.color.any()
         assert (found.camera == NO_CAMERA).all()
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.2, 0.05, 0.003, -0.002)], ids=["none", "bent"])
+def test_the_nearest_pixel_is_that_of_the_projected_point(rng, distortion):
+    projection = projection_of(ring(5, distortion=distortion))
+    points = rng.normal(0, 1.5, (211, 3))  # before the cameras, beside their images, behind them
+    filmed, depth = project_points(points, projection)
+    wanted = np.floor(np.nan_to_num(filmed, nan=-1.0) + 0.5)[..., ::-1]
+    np.testing.assert_array_equal(nearest_pixels(points, projection), wanted)
+    assert 0.1 < np.isnan(filmed).mean() < 0.9
+    assert (depth < 0).any()
 
 
 def test_cameras_stand_where_their_poses_say():

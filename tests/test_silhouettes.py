@@ -7,6 +7,7 @@ import pytest
 from storage.formats.video import open_video, read_frames
 from tasks import silhouettes as stage
 from tasks.geometry.background import Background, make_background, measure_gain, smooth
+from tasks.geometry.specks import clean_region
 from tasks.silhouettes import SilhouetteSettings, extract_silhouettes
 from tests import naive_silhouettes as naive
 
@@ -86,10 +87,11 @@ def test_the_gain_agrees_with_its_naive_twin(rng, kind):
 @pytest.mark.parametrize("levels", [0.0, 5.0])
 def test_color_distance_agrees_with_its_naive_twin(rng, levels):
     background, image = random_scene(rng)
-    gain, darkest, brightest, threshold = np.float32(1.1), 0.6, 1.2, 14.0
+    gain, darkest, brightest, threshold = 1.1, 0.6, 1.2, 14.0
     seed = np.empty(image.shape[:2], np.uint8)
-    limits = np.array([threshold, levels, darkest, brightest], np.float32)
-    stage._differ_in_color(image, background.color, background.noise, gain, limits, seed)
+    limits = np.array([gain, threshold, levels, darkest, brightest], np.float32)
+    behind = cv2.split(background.color)
+    stage._differ_in_color(cv2.split(image), behind, background.noise, limits, seed)
     checked = 0
     for i, j in np.ndindex(seed.shape):
         behind = 1.1 * background.color[i, j].astype(float)
@@ -134,7 +136,7 @@ def test_specks_and_holes_agree_with_their_naive_twin(rng):
     for density in (0.3, 0.5, 0.65):
         region = rng.random((22, 31)) < density
         fast = np.zeros(region.shape, np.bool_)
-        stage._write_cleaned(region.astype(np.uint8), (6.0, 4.0), fast)
+        clean_region(region.astype(np.uint8), (6.0, 4.0), fast)
         slow = naive.without_specks_and_holes(region, 6.0, 4.0)
         np.testing.assert_array_equal(fast, slow)
         assert (slow != region).sum() > 0

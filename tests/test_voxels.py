@@ -10,6 +10,7 @@ from tasks.geometry.voxels import (
     join_runs,
     padded_crop,
     read_bits,
+    surface_index,
     surface_voxels,
     take_frame,
     volume_grid,
@@ -83,6 +84,7 @@ def test_surface_is_where_a_neighbor_is_empty_or_outside_the_grid(rng):
     for t in range(len(occupied)):
         surface = naive.surface(occupied[t])
         np.testing.assert_array_equal(surface_voxels(runs, t), surface[occupied[t]])
+        np.testing.assert_array_equal(surface_index(runs, t), np.argwhere(surface))
         inner += (occupied[t] & ~surface).sum()
     assert inner > 100
 

@@ -10,6 +10,7 @@ import re
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -75,15 +76,15 @@ def open_video(path: str | Path) -> Video:
     try:
         with path.open("rb") as file:
             head = file.read(8)
-            size = os.fstat(file.fileno()).st_size
+            about = os.fstat(file.fileno())
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); bring {_WANTED}") from error
     if not head:
         raise InputError(f"{path} is empty; bring {_WANTED}")
     # its decoders make up the rest of a frame that is cut in two
-    if head.startswith(b"RIFF") and int.from_bytes(head[4:8], "little") + 8 > size:
+    if head.startswith(b"RIFF") and int.from_bytes(head[4:8], "little") + 8 > about.st_size:
         raise InputError(f"{path} is cut off: it says that it is longer; copy it again")
-    return _open_file(path)
+    return _open_file(path, (about.st_ino, about.st_size, about.st_mtime_ns))
 
 
 def read_frames(video: Video, start: int, end: int) -> NDArray[np.uint8]:
@@ -198,7 +199,9 @@ def _decoder(path: Path) -> Any:
     return capture
 
 
-def _open_file(path: Path) -> Video:
+@lru_cache(maxsize=64)
+def _open_file(path: Path, state: tuple[int, int, int]) -> Video:
+    """Look through a file; `state` says that it is still the one that was looked through."""
     cv2 = quiet_cv2()
     capture = _decoder(path)
     rate_hz = capture.get(cv2.CAP_PROP_FPS)

@@ -297,6 +297,20 @@ def surface_voxels(runs: VoxelRuns, frame: int) -> NDArray[np.bool_]:
     return is_surface
 
 
+def surface_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
+    """Return (surface voxel, 3) the index of the voxels of a frame with an empty 6-neighbor.
+
+    They are `voxel_index` where `surface_voxels` is True.
+
+    Raises
+    ------
+    ValueError
+        If there is no such frame.
+    """
+    one = take_frame(runs, frame)
+    return voxel_index(one, 0)[surface_voxels(one, 0)]
+
+
 def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
     """Return the number of each voxel of all runs, in order."""
     length = runs.length.astype(np.int64)

@@ -23,7 +23,7 @@ from tests.benchmarks.pose_sensitivity import measure_sensitivity
 from tests.benchmarks.pose_trouble import troubled_voxels
 
 SHARED = ("plain", "kimono", "spin", "martial")
-TROUBLED = ("shared-plain", "shared-kimono", "salsa-kimono-twelve")
+TROUBLED = ("shared-plain", "shared-kimono", "indian-fitting")
 CHANGED = ("shared-plain", "shared-kimono", "salsa-tall-kimono")
 COLUMNS = ("labels", "mean mm", "p95 mm", "> 150 mm", "run", "wrong", "flagged", "prec.", "recall")
 

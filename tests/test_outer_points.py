@@ -34,6 +34,16 @@ def test_vertices_inside_another_part_are_not_outer():
     np.testing.assert_array_equal(outer[8:], through[:, 2] > 1.0)
 
 
+def test_a_part_does_not_hide_itself_nor_what_it_hides_half_of_the_time():
+    bent = np.concatenate([CUBE, CUBE * [0.2, 0.2, 0.5] + [0.3, 0.4, 0.2]])
+    bent[9, 2] = 1.5
+    alone = np.concatenate([SIDES, SIDES + 8, [[0, 8, 9], [0, 9, 8]]])  # one part of two shells
+    assert outer_vertices(bent[None], alone).all()
+    aside = np.concatenate([CUBE, CUBE * 0.2 + [0.3, 0.4, 3.0]])[None].repeat(5, axis=0)
+    aside[:2, 8:, 2] -= 2.6
+    assert outer_vertices(aside, np.concatenate([SIDES, SIDES + 8])).all()
+
+
 def test_what_is_hidden_for_a_moment_is_outer():
     aside = CUBE * 0.2 + [0.3, 0.4, 3.0]
     vertex = np.concatenate([CUBE, aside])[None].repeat(5, axis=0)

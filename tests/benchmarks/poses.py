@@ -75,6 +75,12 @@ def heading() -> str:
     return f"| {' | '.join(names)} |\n|{' --- |' * len(names)}"
 
 
+def keep(scores: dict[str, Any], into: Path | None) -> None:
+    """Write the figures so far."""
+    if into:
+        into.write_text(json.dumps(scores, indent=1), encoding="utf-8")
+
+
 def say(line: str) -> None:
     """Print a line at once."""
     sys.stdout.write(line + "\n")
@@ -89,6 +95,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     for name, (capture, truth) in captures(folder, args.only).items():
         scores[name] = pose(voxels_of(folder, name, capture, truth), truth, settings)
         say(row(name, scores[name]))
+        keep(scores, args.json)
     return scores
 
 
@@ -103,6 +110,7 @@ def measure_trouble(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         for trouble, voxels in troubled_voxels(place / "archive", capture, place / "copy").items():
             scores[f"{name}, {trouble}"] = pose(voxels, truth, settings)
             say(row(f"{name}, {trouble}", scores[f"{name}, {trouble}"]))
+            keep(scores, args.json)
     return scores
 
 
@@ -131,9 +139,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = args.folder or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
-        scores = table(args, folder)
-    if args.json:
-        args.json.write_text(json.dumps(scores, indent=1), encoding="utf-8")
+        keep(table(args, folder), args.json)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench clean
+.PHONY: setup demo test lint bench bench-poses clean
 
 setup: .venv/installed
 
@@ -35,6 +35,10 @@ bench: setup
 	$(BIN)/python -m tests.benchmarks.silhouettes
 	$(BIN)/python -m tests.benchmarks.carving
 	$(BIN)/python -m tests.benchmarks.digitization
+
+# about a quarter of an hour: twenty captures filmed, digitized and scored
+bench-poses: setup
+	$(BIN)/python -m tests.benchmarks.poses
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

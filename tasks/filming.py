@@ -25,6 +25,7 @@ from storage.formats.video_writing import write_video
 from storage.schema import JOINTS
 from tasks.geometry.bodies import SEGMENTS, BodySurface, pose_surface
 from tasks.geometry.limbs import unit
+from tasks.geometry.outer_points import outer_vertices
 from tasks.geometry.scenes import (
     BACKDROPS,
     Spoilers,
@@ -84,7 +85,7 @@ class CaptureTruth:
     columns: int
     """Of an image."""
     vertex: NDArray[np.float32]
-    """(time, vertex, 3), metres: the body's surface, without what hangs from it."""
+    """(time, vertex, 3), metres: the body's surface, without clothes and what parts hide."""
     segment: NDArray[np.uint8]
     """(vertex,) label 1 to 11."""
 
@@ -147,12 +148,9 @@ def _hang_camera(
     rotation = np.stack([right, np.cross(ahead, right), ahead])
     focal = settings.size[0] / 2.0 / np.tan(settings.field_of_view / 2.0)
     middle = differs[3:5] * (np.array(settings.size) - 1.0) / 2.0
+    high = focal * differs[1] * (1.0 + 0.2 * (differs[2] - 1.0))
     intrinsics = np.array(
-        [
-            [focal * differs[1], 0.0, middle[0]],
-            [0.0, focal * differs[1] * (1.0 + 0.2 * (differs[2] - 1.0)), middle[1]],
-            [0.0, 0.0, 1.0],
-        ]
+        [[focal * differs[1], 0.0, middle[0]], [0.0, high, middle[1]], [0.0, 0.0, 1.0]]
     )
     return Camera(
         f"cam{number + 1}",
@@ -275,6 +273,8 @@ def film_capture(
         )
         _write_images(folder / "videos" / camera.name, images, rate_hz, settings)
     body = ~surface.is_cloth
+    own = surface.triangle[body[surface.triangle[:, 0]]]
+    body[body] = outer_vertices(surface.vertex[:, body], own)
     truth = CaptureTruth(position, bits, columns, surface.vertex[:, body], surface.segment[body])
     _write_truth(folder.with_name(f"{folder.name}_truth.npz"), truth, rate_hz)
     return truth

@@ -41,7 +41,7 @@ from tasks.geometry.blob_fitting import (
     worth,
 )
 from tasks.geometry.blobs import place_blobs
-from tasks.geometry.color_histograms import color_cells, learn_likeness
+from tasks.geometry.color_histograms import COLORS, color_cells, learn_likeness
 from tasks.geometry.initial_shape_labels import complete_joints
 from tasks.geometry.limb_search import LIMBS, choose_fits, reach_for
 from tasks.geometry.skin import NO_CAMERA
@@ -206,15 +206,16 @@ def fit_poses(
     ends = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2}
     bone = bones_of_voxels(points, label, ends, forward)
     model = make_model(points, bone, ends, forward)
-    looks = None
-    if surfaces is not None:
-        is_surface, color, camera = surfaces(initial_frame)
-        own = camera != NO_CAMERA
-        looks = learn_likeness(
-            color[own], _PAIRED[bone[is_surface][own]], len(BONES), most=settings.most_likeness
-        )[:, _PAIRED[: len(BONES)]]
     take = _Take(
-        runs, grid, rate_hz, model, settings, cues, cue_weights, initial_frame, surfaces, looks
+        grid,
+        rate_hz,
+        model,
+        settings,
+        cues,
+        cue_weights,
+        initial_frame,
+        _draw_samples(runs, surfaces, settings),
+        _learn_looks(bone, surfaces, initial_frame, settings),
     )
     there = _follow(take, range(initial_frame, runs.frames), rest_pose(model.origin))
     before = _follow(take, range(initial_frame, -1, -1), rest_pose(model.origin))
@@ -244,9 +245,44 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
     return mean, np.einsum("bji,bjk->bik", whitening, whitening)
 
 
+def _learn_looks(
+    bone: NDArray[np.integer], surfaces: Surfaces | None, frame: int, settings: PoseSettings
+) -> NDArray[np.float32]:
+    """Return (cell + 1, bone + 1) how much likelier a color is on a bone; the last of both: 1."""
+    looks = np.ones((COLORS + 1, len(BONES) + 1), np.float32)
+    if surfaces is not None:
+        is_surface, color, camera = surfaces(frame)
+        own = camera != NO_CAMERA
+        group = _PAIRED[bone[is_surface][own]]
+        likeness = learn_likeness(color[own], group, len(BONES), most=settings.most_likeness)
+        looks[:-1, :-1] = likeness[:, _PAIRED[:-1]]
+    return looks
+
+
+def _draw_samples(
+    runs: VoxelRuns, surfaces: Surfaces | None, settings: PoseSettings
+) -> list[tuple[NDArray[np.int16], NDArray[np.int32]]]:
+    """Return an even sample of every frame: voxels, and the cell of the color of each, or -1."""
+
+    def draw(frame: int) -> tuple[NDArray[np.int16], NDArray[np.int32]]:
+        index = voxel_index(runs, frame)
+        step = max(1, len(index) // settings.sample)
+        chosen = slice(step // 2, None, step)
+        some = index[chosen].astype(np.int16)
+        cell = np.full(len(some), -1, np.int32)
+        if surfaces is not None and len(some):
+            is_surface, color, camera = surfaces(frame)
+            number = np.cumsum(is_surface)[chosen] - 1
+            own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
+            cell[own] = color_cells(color[number[own]])
+        return some, cell
+
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(draw, range(runs.frames)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Take:
-    runs: VoxelRuns
     grid: VoxelGrid
     rate_hz: float
     model: FitModel
@@ -254,22 +290,18 @@ class _Take:
     cues: Floats | None
     cue_weights: Floats | None
     initial_frame: int
-    surfaces: Surfaces | None
-    looks: NDArray[np.float32] | None
+    samples: list[tuple[NDArray[np.int16], NDArray[np.int32]]]
+    looks: NDArray[np.float32]
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return len(self.samples)
 
     def sample(self, frame: int) -> Sample:
         """Return an even sample of a frame's voxels, with what their colors say."""
-        index = voxel_index(self.runs, frame)
-        step = max(1, len(index) // self.settings.sample)
-        chosen = slice(step // 2, None, step)
-        points = voxel_centers(self.grid, index[chosen])
-        likeness = np.ones((len(points), len(BONES) + 1), np.float32)
-        if self.surfaces is not None and self.looks is not None:
-            is_surface, color, camera = self.surfaces(frame)
-            number = np.cumsum(is_surface)[chosen] - 1
-            own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
-            likeness[own, :-1] = self.looks[color_cells(color[number[own]])]
-        return Sample(points, likeness)
+        index, cell = self.samples[frame]
+        return Sample(voxel_centers(self.grid, index), self.looks[cell])
 
     def targets(self, frame: int) -> list[Target]:
         """Return where face and hands were seen."""

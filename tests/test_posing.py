@@ -39,13 +39,15 @@ def test_voxels_that_nothing_explains_and_a_cut_performer_are_doubtful():
     frames = Frames([body], [body, second], [], [((0, 3, 3), (9, 15, 7))], [body])
     mean = np.tile(np.array([0.65, 0.85, 0.45]), (5, 1, 1))
     inverse = np.tile(np.diag([11.0, 4.0, 11.0]), (5, 1, 1, 1))
-    fit = {"blob_mean": mean, "blob_inverse": inverse}
-    fit["doubtful"] = np.array([False, False, True, False, False])
-    found = _doubts(frames, fit, 4, DoubtSettings())
+    blobs = list(zip(mean, inverse, strict=True))
+    doubtful = np.array([False, False, True, False, False])
+    found = _doubts(frames, doubtful, blobs, 4, DoubtSettings())
     assert found["unexplained"].tolist() == [False, True, False, False, False]
     assert found["cut_off"].tolist() == [False, False, False, True, False]
     assert found["doubtful"].tolist() == [False, True, True, True, False]
-    usual = _doubts(frames, fit, 1, DoubtSettings())  # as much as at the beginning: wide sleeves
+    usual = _doubts(
+        frames, doubtful, blobs, 1, DoubtSettings()
+    )  # as much as at the beginning: wide sleeves
     assert not usual["unexplained"].any()
 
 

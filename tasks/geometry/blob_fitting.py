@@ -34,7 +34,7 @@ _B = {name: k for k, name in enumerate(BONES)}
 class FitSettings:
     """Everything that changes the fit of one frame; information is in units of the hull."""
 
-    steps: int = 8
+    steps: int = 6
     """Most turns of expectation and least squares a frame."""
 
     widening: float = 1.5

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+_BLOCK = 24  # voxels in order: they lie together, so that few blobs are near all of them
 _FARTHEST = 18.0  # squared Mahalanobis distance beyond which a blob weighs nothing
 
 
@@ -122,6 +123,28 @@ def place_blobs(blobs: Blobs, joints: Floats, rotation: Floats) -> tuple[Floats,
     return mean, np.einsum("bij,bkj->bik", blobs.whitening, turned)
 
 
+@njit(cache=True, nogil=True)
+def _find_close(points: Any, mean: Any, reach: Any, close: Any) -> int:
+    """Write the blobs that reach into the box around points; return how many they are."""
+    x0 = x1 = points[0, 0]
+    y0 = y1 = points[0, 1]
+    z0 = z1 = points[0, 2]
+    for i in range(1, len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        x0, x1 = min(x0, x), max(x1, x)
+        y0, y1 = min(y0, y), max(y1, y)
+        z0, z1 = min(z0, z), max(z1, z)
+    found = 0
+    for b in range(len(mean)):
+        x = max(x0 - mean[b, 0], mean[b, 0] - x1, 0.0)
+        y = max(y0 - mean[b, 1], mean[b, 1] - y1, 0.0)
+        z = max(z0 - mean[b, 2], mean[b, 2] - z1, 0.0)
+        if x * x + y * y + z * z <= reach[b]:
+            close[found] = b
+            found += 1
+    return found
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def share_out(points: Any, look: Any, blobs: Any, weigh: Any, nobody: float, sums: Any) -> float:
     """Share voxels out among blobs; return the mean log likelihood of a voxel.
@@ -139,33 +162,35 @@ def share_out(points: Any, look: Any, blobs: Any, weigh: Any, nobody: float, sum
     reach, factor = weigh
     count = mean.shape[0]
     sums[:] = 0.0
-    weight = np.empty(count)
+    weight, near = np.empty(count), np.empty(count, np.int64)
+    close = np.empty(count, np.int64)  # blobs that reach into the box around some voxels
     total = 0.0
-    near = np.empty(count, np.int64)
-    for i in range(points.shape[0]):
-        all_weights = nobody
-        found = 0
-        for b in range(count):
-            x = points[i, 0] - mean[b, 0]
-            y = points[i, 1] - mean[b, 1]
-            z = points[i, 2] - mean[b, 2]
-            if x * x + y * y + z * z > reach[b]:
-                continue
-            u = whitening[b, 0, 0] * x + whitening[b, 0, 1] * y + whitening[b, 0, 2] * z
-            v = whitening[b, 1, 0] * x + whitening[b, 1, 1] * y + whitening[b, 1, 2] * z
-            w = whitening[b, 2, 0] * x + whitening[b, 2, 1] * y + whitening[b, 2, 2] * z
-            squared = u * u + v * v + w * w
-            if squared < _FARTHEST:
-                weight[found] = factor[b] * likeness[i, kind[b]] * np.exp(-0.5 * squared)
-                all_weights += weight[found]
-                near[found] = b
-                found += 1
-        for n in range(found):
-            share = weight[n] / all_weights
-            b = near[n]
-            sums[b, 0] += share
-            sums[b, 1] += share * points[i, 0]
-            sums[b, 2] += share * points[i, 1]
-            sums[b, 3] += share * points[i, 2]
-        total += np.log(all_weights)
+    for begin in range(0, points.shape[0], _BLOCK):
+        end = min(begin + _BLOCK, points.shape[0])
+        closing = _find_close(points[begin:end], mean, reach, close)
+        for i in range(begin, end):
+            all_weights = nobody
+            found = 0
+            for c in range(closing):
+                b = close[c]
+                x = points[i, 0] - mean[b, 0]
+                y = points[i, 1] - mean[b, 1]
+                z = points[i, 2] - mean[b, 2]
+                u = whitening[b, 0, 0] * x + whitening[b, 0, 1] * y + whitening[b, 0, 2] * z
+                v = whitening[b, 1, 0] * x + whitening[b, 1, 1] * y + whitening[b, 1, 2] * z
+                w = whitening[b, 2, 0] * x + whitening[b, 2, 1] * y + whitening[b, 2, 2] * z
+                squared = u * u + v * v + w * w
+                if squared < _FARTHEST:
+                    weight[found] = factor[b] * likeness[i, kind[b]] * np.exp(-0.5 * squared)
+                    all_weights += weight[found]
+                    near[found] = b
+                    found += 1
+            for n in range(found):
+                share = weight[n] / all_weights
+                b = near[n]
+                sums[b, 0] += share
+                sums[b, 1] += share * points[i, 0]
+                sums[b, 2] += share * points[i, 1]
+                sums[b, 3] += share * points[i, 2]
+            total += np.log(all_weights)
     return total / max(points.shape[0], 1)

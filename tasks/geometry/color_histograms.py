@@ -10,6 +10,8 @@ from scipy import ndimage
 CHROMA_STEP = 0.02
 LIGHT_STEP = 32
 SHAPE = (100, 150, 8)
+COLORS = 100 * 150 * 8
+"""How many cells a histogram has."""
 _ZERO = (50, 50, 0)
 
 LEAST_PROBABILITY = 2e-5

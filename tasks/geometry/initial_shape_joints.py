@@ -31,7 +31,7 @@ from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 Points = NDArray[np.float64]
 
-_CROSSED = 3.0  # legs fit so much worse that stand as their feet do: they are crossed
+_CROSSED = 6.0  # legs fit so much worse that stand as their feet do: they are crossed
 
 
 def find_joints(

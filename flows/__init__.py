@@ -1,7 +1,14 @@
 """Order: which stage follows which, on what. No arithmetic, no arrays."""
 
+import ctypes
 import os
+import sys
 
 # read by Prefect when it is first imported; what the user has set stays
 os.environ.setdefault("PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS", "180")  # 20 s are usual
 os.environ.setdefault("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
+
+if sys.platform == "linux":
+    # glibc raises the size from which freed memory goes back to the system whenever a larger array
+    # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 1 MiB
+    getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(-3, 1 << 20)

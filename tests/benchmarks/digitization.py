@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+import flows  # noqa: F401 - memory is given back as in the command
 from storage import create_archive, open_archive
 from storage.blocks import block_path
 from storage.formats.capture import read_capture

@@ -1,14 +1,16 @@
 """Fit the pose of the body to the voxels of every frame: the `joint` method.
 
 The paper fits segment after segment from the head outwards (digitization paper, 3.4.2) and
-writes that it lost a foot and an arm for good. Here all segments, and a class for what is
-nobody's, are fitted at once; a limb that lost its voxels is looked for where its end was seen;
-the take is fitted forwards and backwards, and each limb is taken, frame by frame, from the fit
-that explains it better; at last every frame is fitted once more, near what its neighbors say.
+writes that it lost a foot and an arm for good. Here all segments, what hangs from
+them, and a class for what is nobody's are fitted at once, by places and by colors; a limb that
+lost its voxels is looked for where its hand or foot was seen; the take is fitted forwards and
+backwards, and each limb is taken, frame by frame, from the fit that explains more; joints are
+moved to where the bones of all frames turn; at last every frame is fitted once more, near what
+its neighbors say.
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -41,21 +43,16 @@ from tasks.geometry.blob_fitting import (
     worth,
 )
 from tasks.geometry.blobs import place_blobs
-from tasks.geometry.color_histograms import COLORS, color_cells, learn_likeness
 from tasks.geometry.initial_shape_labels import complete_joints
 from tasks.geometry.limb_search import LIMBS, choose_fits, reach_for
-from tasks.geometry.skin import NO_CAMERA
+from tasks.geometry.voxel_samples import Drawn, Surfaces, draw_samples, learn_looks
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 Floats = NDArray[np.float64]
-Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]]
 
 _logger = logging.getLogger(__name__)
 
 _CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand", "RFoot", "LFoot"))
-
-# right and left wear the same, and light that falls from one side is no mark of it
-_PAIRED = np.array([0, 1, 2, 3, 4, 3, 4, 7, 8, 7, 8, 11, 11, 13, 13, -1])
 
 _RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
 for _side in "RL":
@@ -214,8 +211,8 @@ def fit_poses(
         cues,
         cue_weights,
         initial_frame,
-        _draw_samples(runs, surfaces, settings),
-        _learn_looks(bone, surfaces, initial_frame, settings),
+        draw_samples(runs, surfaces, settings.sample),
+        learn_looks(bone, surfaces, initial_frame, settings.most_likeness),
     )
     there = _follow(take, range(initial_frame, runs.frames), rest_pose(model.origin))
     before = _follow(take, range(initial_frame, -1, -1), rest_pose(model.origin))
@@ -245,42 +242,6 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
     return mean, np.einsum("bji,bjk->bik", whitening, whitening)
 
 
-def _learn_looks(
-    bone: NDArray[np.integer], surfaces: Surfaces | None, frame: int, settings: PoseSettings
-) -> NDArray[np.float32]:
-    """Return (cell + 1, bone + 1) how much likelier a color is on a bone; the last of both: 1."""
-    looks = np.ones((COLORS + 1, len(BONES) + 1), np.float32)
-    if surfaces is not None:
-        is_surface, color, camera = surfaces(frame)
-        own = camera != NO_CAMERA
-        group = _PAIRED[bone[is_surface][own]]
-        likeness = learn_likeness(color[own], group, len(BONES), most=settings.most_likeness)
-        looks[:-1, :-1] = likeness[:, _PAIRED[:-1]]
-    return looks
-
-
-def _draw_samples(
-    runs: VoxelRuns, surfaces: Surfaces | None, settings: PoseSettings
-) -> list[tuple[NDArray[np.int16], NDArray[np.int32]]]:
-    """Return an even sample of every frame: voxels, and the cell of the color of each, or -1."""
-
-    def draw(frame: int) -> tuple[NDArray[np.int16], NDArray[np.int32]]:
-        index = voxel_index(runs, frame)
-        step = max(1, len(index) // settings.sample)
-        chosen = slice(step // 2, None, step)
-        some = index[chosen].astype(np.int16)
-        cell = np.full(len(some), -1, np.int32)
-        if surfaces is not None and len(some):
-            is_surface, color, camera = surfaces(frame)
-            number = np.cumsum(is_surface)[chosen] - 1
-            own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
-            cell[own] = color_cells(color[number[own]])
-        return some, cell
-
-    with ThreadPoolExecutor() as pool:
-        return list(pool.map(draw, range(runs.frames)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Take:
     grid: VoxelGrid
@@ -290,7 +251,7 @@ class _Take:
     cues: Floats | None
     cue_weights: Floats | None
     initial_frame: int
-    samples: list[tuple[NDArray[np.int16], NDArray[np.int32]]]
+    samples: list[Drawn]
     looks: NDArray[np.float32]
 
     @property

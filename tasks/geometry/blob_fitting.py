@@ -2,7 +2,8 @@
 
 Expectation (`blobs.share_out`) and one step of least squares over all bones
 (`articulated.add_points`) by turns, with the blobs wider at first. A blob pulls with at most a
-multiple of its own volume, so that cloth around it does not pull more than the body.
+multiple of its own volume, so that cloth around it does not pull more than the body; sleeves and
+skirts have blobs of their own, which hang from the body and do not pull.
 """
 
 from collections.abc import Iterable, Sequence

@@ -163,7 +163,7 @@ def nearest_pixels(points: NDArray[np.float64], projection: Projection) -> NDArr
     """
     pixel = np.empty((projection.cameras, len(points), 2), np.int32)
     axes = np.ascontiguousarray(points.T, np.float64)
-    _find_pixels(axes, _lens(projection), np.empty((3, _STRETCH)), pixel)
+    _find_pixels(axes, _lens(projection), pixel)
     return pixel
 
 
@@ -212,57 +212,51 @@ def _project(points: Any, lens: Any, pixel: Any, depth: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _find_pixels(points: Any, lens: Any, held: Any, pixel: Any) -> None:
+def _find_pixels(points: Any, lens: Any, pixel: Any) -> None:
     """Write the nearest pixel of each point, (3, point), before each camera."""
     poses, intrinsics, distortion, radius, image_size = lens
     for c in range(len(poses)):
         camera = (poses[c], intrinsics[c], distortion[c], radius[c], image_size[c])
-        for first in range(0, points.shape[1], held.shape[1]):
-            end = min(first + held.shape[1], points.shape[1])
-            some = (points[0, first:end], points[1, first:end], points[2, first:end])
-            _find_some(some, camera, held, pixel[c, first:end])
+        _find_pixels_of(points, camera, pixel[c])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _find_some(points: Any, camera: Any, held: Any, pixel: Any) -> None:
-    """Write the nearest pixel of some points before a camera.
+def _find_pixels_of(points: Any, camera: Any, pixel: Any) -> None:
+    """Write the nearest pixel of each point, (3, point), before a camera.
 
-    The loops have no branches, so that they are vectorized.
+    The loops have no branches, and what they write is their own, so that they are vectorized.
     """
-    m, inner, distortion, radius, size = camera
-    x, y, z = points
-    u, v, s = held
-    m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
-    m10, m11, m12, m13 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
-    m20, m21, m22, m23 = m[2, 0], m[2, 1], m[2, 2], m[2, 3]
-    for n in range(len(x)):
-        d = m20 * x[n] + m21 * y[n] + m22 * z[n] + m23
-        a = m00 * x[n] + m01 * y[n] + m02 * z[n] + m03
-        b = m10 * x[n] + m11 * y[n] + m12 * z[n] + m13
-        ahead = d > 0
-        d = d if ahead else 1.0
-        u[n], v[n] = a / d, b / d
-        s[n] = u[n] * u[n] + v[n] * v[n] if ahead else np.inf
-    if radius < np.inf:
-        k1, k2, p1, p2, k3, k4, k5, k6 = distortion
-        for n in range(len(x)):
-            a, b = u[n], v[n]
-            seen = s[n] <= radius * radius
-            q = s[n] if seen else 0.0
-            f = 1 + q * (k1 + q * (k2 + q * k3))
-            f /= 1 + q * (k4 + q * (k5 + q * k6))
-            ab = a * b
-            u[n] = a * f + (2 * p1 * ab + p2 * (q + 2 * a * a))
-            v[n] = b * f + (p1 * (q + 2 * b * b) + 2 * p2 * ab)
-            s[n] = q if seen else np.inf
-    fx, skew, cx, fy, cy = inner[0, 0], inner[0, 1], inner[0, 2], inner[1, 1], inner[1, 2]
-    columns, rows = size
-    for n in range(len(x)):
-        column = np.floor(fx * u[n] + skew * v[n] + cx + 0.5)
-        row = np.floor(fy * v[n] + cy + 0.5)
-        filmed = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        filmed &= s[n] < np.inf
-        u[n] = row if filmed else -1.0
-        v[n] = column if filmed else -1.0
-    for n in range(len(x)):
-        pixel[n, 0], pixel[n, 1] = np.int32(u[n]), np.int32(v[n])
+    m, inner, (k1, k2, p1, p2, k3, k4, k5, k6), radius, (columns, rows) = camera
+    u, v, s = np.empty(_STRETCH), np.empty(_STRETCH), np.empty(_STRETCH)
+    for first in range(0, points.shape[1], _STRETCH):
+        count = min(_STRETCH, points.shape[1] - first)
+        x, y = points[0, first : first + count], points[1, first : first + count]
+        z = points[2, first : first + count]
+        for n in range(count):
+            d = m[2, 0] * x[n] + m[2, 1] * y[n] + m[2, 2] * z[n] + m[2, 3]
+            a = m[0, 0] * x[n] + m[0, 1] * y[n] + m[0, 2] * z[n] + m[0, 3]
+            b = m[1, 0] * x[n] + m[1, 1] * y[n] + m[1, 2] * z[n] + m[1, 3]
+            ahead = d > 0
+            d = d if ahead else 1.0
+            u[n], v[n] = a / d, b / d
+            s[n] = u[n] * u[n] + v[n] * v[n] if ahead else np.inf
+        if radius < np.inf:
+            for n in range(count):
+                a, b = u[n], v[n]
+                seen = s[n] <= radius * radius
+                q = s[n] if seen else 0.0
+                f = 1 + q * (k1 + q * (k2 + q * k3))
+                f /= 1 + q * (k4 + q * (k5 + q * k6))
+                ab = a * b
+                u[n] = a * f + (2 * p1 * ab + p2 * (q + 2 * a * a))
+                v[n] = b * f + (p1 * (q + 2 * b * b) + 2 * p2 * ab)
+                s[n] = q if seen else np.inf
+        for n in range(count):
+            column = np.floor(inner[0, 0] * u[n] + inner[0, 1] * v[n] + inner[0, 2] + 0.5)
+            row = np.floor(inner[1, 1] * v[n] + inner[1, 2] + 0.5)
+            filmed = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+            filmed &= s[n] < np.inf
+            u[n] = row if filmed else -1.0
+            v[n] = column if filmed else -1.0
+        for n in range(count):
+            pixel[first + n, 0], pixel[first + n, 1] = np.int32(u[n]), np.int32(v[n])

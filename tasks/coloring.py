@@ -22,6 +22,7 @@ from storage.blocks import read_block, write_block
 from storage.formats.capture import read_capture
 from tasks.capture_films import grid_of, largest_image, projection_of, side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
+from tasks.geometry.silhouette_pixels import place_pixels
 from tasks.geometry.visibility import REACH, hide_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
@@ -232,23 +233,6 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
             reach += 1
 
 
-@njit(cache=True, nogil=True)
-def _place(packed: Any, pixels: Any, images: Any) -> None:
-    """Write the pixels of packed silhouettes, one after another, where they were filmed."""
-    n = 0
-    for c in range(packed.shape[0]):
-        for row in range(packed.shape[1]):
-            for byte in range(packed.shape[2]):
-                bits = packed[c, row, byte]
-                if bits == 0:
-                    continue
-                for bit in range(8):
-                    if bits >> (7 - bit) & 1:
-                        for k in range(3):
-                            images[c, row, 8 * byte + bit, k] = pixels[n, k]
-                        n += 1
-
-
 def color_block(
     archive: str, capture: str, digest: str, silhouettes: dict[str, Any], hulls: dict[str, Any],
     into: str, settings: ColoringSettings,
@@ -287,7 +271,7 @@ def color_block(
     def color(frame: int) -> SurfaceColors:
         bits = np.unpackbits(packed[frame], axis=-1, count=columns)
         images = np.empty((*bits.shape, 3), np.uint8)  # only silhouettes are looked at
-        _place(packed[frame], pixels[edges[frame] : edges[frame + 1]], images)
+        place_pixels(packed[frame], pixels[edges[frame] : edges[frame + 1]], images)
         hull, seen = take_frame(runs, frame), bits.view(np.bool_)
         return color_surface(hull, grid, images, seen, projection, settings)
 

@@ -268,18 +268,19 @@ def color_block(
     runs = VoxelRuns(**read_block(place, hulls), shape=grid.shape)
     _, columns = largest_image(source.cameras)
 
-    def color(frame: int) -> SurfaceColors:
+    def color(frame: int) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
         bits = np.unpackbits(packed[frame], axis=-1, count=columns)
         images = np.empty((*bits.shape, 3), np.uint8)  # only silhouettes are looked at
         place_pixels(packed[frame], pixels[edges[frame] : edges[frame + 1]], images)
         hull, seen = take_frame(runs, frame), bits.view(np.bool_)
-        return color_surface(hull, grid, images, seen, projection, settings)
+        found = color_surface(hull, grid, images, seen, projection, settings)
+        return found.is_surface, found.color, found.camera
 
-    parts = side_by_side(color, range(runs.frames))
+    is_surface, colors, cameras = zip(*side_by_side(color, range(runs.frames)), strict=True)
     arrays = {
-        "is_surface": np.concatenate([part.is_surface for part in parts]),
-        "color": np.concatenate([part.color for part in parts]),
-        "camera": np.concatenate([part.camera for part in parts]),
-        "offset": np.cumsum([0, *(len(part.color) for part in parts)]).astype(np.int64),
+        "is_surface": np.concatenate(is_surface),
+        "color": np.concatenate(colors),
+        "camera": np.concatenate(cameras),
+        "offset": np.cumsum([0, *map(len, colors)]).astype(np.int64),
     }
     return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)

@@ -71,25 +71,28 @@ def _find_normals(crop: Any, place: Any, normal: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _hide(crop: Any, surface: Any, cameras: Any, pixel: Any) -> None:
-    """Write -1 for the pixels of the cameras that do not see a voxel."""
+    """Write -1 for the pixels of the cameras that do not see a voxel.
+
+    Camera after camera, for lines that go the same way take the same branches.
+    """
     place, start, normal = surface
     grid = (crop.ravel(), crop.shape)
-    for n in range(len(place)):
-        x, y, z = start[n, 0], start[n, 1], start[n, 2]
-        own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
-        seen = False
-        for from_front in (True, False):
-            for c in range(len(cameras)):
+    seen = np.zeros(len(place), np.bool_)
+    for from_front in (True, False):
+        for c in range(len(cameras)):
+            for n in range(len(place)):
                 if pixel[c, n, 0] < 0:
                     continue
+                x, y, z = start[n, 0], start[n, 1], start[n, 2]
                 dx, dy, dz = cameras[c, 0] - x, cameras[c, 1] - y, cameras[c, 2] - z
                 facing = dx * normal[n, 0] + dy * normal[n, 1] + dz * normal[n, 2]
                 if (facing >= 0) != from_front:
                     continue
-                if (seen and not from_front) or _blocked(grid, (x, y, z), (dx, dy, dz), own):
+                own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
+                if (seen[n] and not from_front) or _blocked(grid, (x, y, z), (dx, dy, dz), own):
                     pixel[c, n, 0] = -1
                 elif from_front:
-                    seen = True
+                    seen[n] = True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

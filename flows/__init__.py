@@ -10,5 +10,8 @@ os.environ.setdefault("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
 
 if sys.platform == "linux":
     # glibc raises the size from which freed memory goes back to the system whenever a larger array
-    # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 1 MiB
-    getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(-3, 1 << 20)
+    # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 1 MiB.
+    # And what a thread has freed stays with it; -8: M_ARENA_MAX, one for all
+    _set = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
+    _set(-3, 1 << 20)
+    _set(-8, 1)

@@ -8,6 +8,10 @@ import sys
 os.environ.setdefault("PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS", "180")  # 20 s are usual
 os.environ.setdefault("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
 
+# read by numpy's linear algebra when it is first imported: frames run side by side, not products of
+# small matrices, for which its threads wait longer than they work
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 if sys.platform == "linux":
     # glibc raises the size from which freed memory goes back to the system whenever a larger array
     # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 1 MiB

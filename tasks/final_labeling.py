@@ -20,8 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.articulated import BONES, SEGMENT
-from tasks.geometry.blob_fitting import bones_of_voxels
 from tasks.geometry.bone_fields import BoneFields, make_fields, nearest_bones
+from tasks.geometry.fit_model import bones_of_voxels
 from tasks.geometry.initial_shape_labels import body_size, complete_joints, is_limb
 from tasks.geometry.label_regions import clean_labels
 

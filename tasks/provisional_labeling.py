@@ -7,8 +7,7 @@ its share at t = 0.
 
 What the paper leaves open: a share is reached to within a tolerance, and of a ring of neighbors
 only as many voxels are taken, evenly along it, as are wanted; the number of rings is bounded,
-for shares need not be reachable. Where a region of skin is nearest to more than one place, as
-when hands touch, each of its voxels goes to the nearest of them.
+for shares need not be reachable.
 """
 
 import math
@@ -20,9 +19,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.label_regions import clean_labels, nearest_at_rim, voxel_neighbors
-
-SKIN_LABELS = (1, 5, 7)
-"""The labels of the face, the right and the left hand: Head, RForeArm, LForeArm."""
 
 _REACH = 10  # voxels within which a dense box is searched, beyond a tree
 
@@ -77,20 +73,9 @@ class ProvisionalSettings:
         if faults:
             raise ValueError(f"no frame can be labeled so: {'; '.join(faults)}")
 
-
-@dataclass(frozen=True, eq=False)
-class SkinRegions:
-    """Where the face and the hands are in a frame."""
-
-    label: NDArray[np.uint8]
-    """(surface voxel,) label of the segment whose skin it is; 0 elsewhere."""
-
-    place: NDArray[np.float64]
-    """(3, 3) middle of the face, the right and the left hand, metres: the frame before's where
-    none was found."""
-
-    found: NDArray[np.bool_]
-    """(3,) whether it was found."""
+    def reach_m(self, stature_m: float | None, rate_hz: float) -> float:
+        """Return how far skin moves from frame to frame at most, m; of 1.6 m if not known."""
+        return self.skin_speed * (stature_m or 1.6) / rate_hz
 
 
 def label_from_previous(
@@ -138,58 +123,6 @@ def label_from_previous(
         every = np.ones(len(previous_index), np.bool_)
         label[far] = before[1][nearest_at_rim(index[far], previous_index, around, every)]
     return label
-
-
-def track_skin(
-    index: NDArray[np.integer],
-    center: NDArray[np.floating],
-    is_skin: NDArray[np.bool_],
-    place: NDArray[np.floating],
-    *,
-    reach_m: float,
-    least_voxels: int,
-) -> SkinRegions:
-    """Return the regions of skin color nearest to where face and hands were.
-
-    Regions are voxels of skin color within two voxels of each other.
-
-    Parameters
-    ----------
-    index : (surface voxel, 3) int
-        In the grid, in order.
-    center : (surface voxel, 3) float
-        Metres.
-    is_skin : (surface voxel,) bool
-        True where the color is skin's.
-    place : (3, 3) float
-        Middle of the face, the right and the left hand in the frame before, metres.
-    reach_m
-        How far from there the nearest voxel of a region may be.
-    least_voxels
-        Smaller regions are none.
-    """
-    label = np.zeros(len(index), np.uint8)
-    moved, found = np.array(place, np.float64), np.zeros(len(SKIN_LABELS), np.bool_)
-    skin = np.flatnonzero(is_skin)
-    if not len(skin):
-        return SkinRegions(label, moved, found)
-    region, size = _skin_regions(index[skin])
-    large = size[region] >= max(least_voxels, 1)
-    skin, region = skin[large], region[large]
-    away = np.linalg.norm(np.asarray(place)[:, None] - center[skin], axis=2)
-    chosen = np.full(len(SKIN_LABELS), -1)
-    for k in range(len(SKIN_LABELS)):
-        if len(skin) and away[k].min() <= reach_m:
-            chosen[k] = region[away[k].argmin()]
-    wanted = np.where(chosen[:, None] == region, away, np.inf)
-    taken = np.isfinite(wanted).any(axis=0)
-    owner = wanted.argmin(axis=0)
-    for k, value in enumerate(SKIN_LABELS):
-        own = skin[taken & (owner == k)]
-        if len(own):
-            label[own], found[k] = value, True
-            moved[k] = center[own].mean(axis=0)
-    return SkinRegions(label, moved, found)
 
 
 def restore_volumes(
@@ -256,43 +189,6 @@ def label_provisionally(
         label = np.where(skin_label > 0, skin_label, label).astype(np.uint8)
     label = clean_labels(label, index, neighbors=neighbors)
     return restore_volumes(label, neighbors, share, settings)
-
-
-def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the region of each voxel, of voxels within two of each other, and the sizes."""
-    low, high = np.array(index[0], np.int64), np.array(index[0], np.int64)
-    _stretch_box(index, low, high)
-    sides = high - low + 5
-    stride = np.array([sides[1] * sides[2], sides[2], 1])
-    near = _OFFSETS[(_OFFSETS**2).sum(axis=1) <= 4]
-    box = np.zeros(int(np.prod(sides)), np.int32)
-    region = np.full(len(index), -1, np.int32)
-    _spread(index, (low - 2, stride), near @ stride, box, region)
-    return region, np.bincount(region)
-
-
-@njit(cache=True, nogil=True)
-def _spread(index: Any, frame: Any, step: Any, box: Any, region: Any) -> None:
-    """Write the region of each voxel: what steps lead to from its first voxel."""
-    stack = np.empty(len(index), np.int32)
-    for n in range(len(index)):
-        box[_place_of(index[n], frame)] = n + 1
-    count = 0
-    for seed in range(len(index)):
-        if region[seed] >= 0:
-            continue
-        region[seed] = count
-        stack[0], top = seed, 1
-        while top:
-            top -= 1
-            place = _place_of(index[stack[top]], frame)
-            for k in range(len(step)):
-                other = box[place + step[k]] - 1
-                if other >= 0 and region[other] < 0:
-                    region[other] = count
-                    stack[top] = other
-                    top += 1
-        count += 1
 
 
 @njit(cache=True, nogil=True)

@@ -3,8 +3,8 @@
 No stage and no arithmetic: the part of a store function that the stages after coloring share.
 """
 
+import threading
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from storage.blocks import read_block
 from storage.places import Place
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame, voxel_index
+
+_MOST_HELD = 2  # blocks: neighbors in time may be of two
+
+_Block = tuple[VoxelRuns, dict[str, NDArray]]
 
 
 class VoxelFrames:
@@ -31,7 +35,8 @@ class VoxelFrames:
         self._ends = np.array([block["end"] for block in hulls])
         self._hulls, self._colors = hulls, colors
         self._place = place
-        self._read = lru_cache(maxsize=2)(self._read_blocks)
+        self._held: dict[int, _Block] = {}  # the one asked for last is the last
+        self._lock = threading.Lock()
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -72,10 +77,15 @@ class VoxelFrames:
         if not self.start <= frame < self.end:
             raise IndexError(f"frame {frame} is not one of {self.start} to {self.end - 1}")
         number = int(np.searchsorted(self._ends, frame, side="right"))
-        runs, colors = self._read(number)
+        with self._lock:  # so that threads read a block once
+            block = self._held.pop(number, None)
+            while block is None and len(self._held) >= _MOST_HELD:
+                del self._held[next(iter(self._held))]
+            self._held[number] = block = block or self._read_block(number)
+        runs, colors = block
         return runs, colors, frame - self._hulls[number]["start"]
 
-    def _read_blocks(self, number: int) -> tuple[VoxelRuns, dict[str, NDArray]]:
+    def _read_block(self, number: int) -> _Block:
         runs = VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
         colors = read_block(self._place, self._colors[number])
         return runs, {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}

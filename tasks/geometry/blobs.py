@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 
 Floats = NDArray[np.float64]
 
@@ -105,14 +106,7 @@ def split(points: Floats, parts: int, rounds: int = 20) -> NDArray[np.int64]:
     for _ in range(parts - 1):
         centers.append(points[distance.argmax()])
         distance = np.minimum(distance, ((points - centers[-1]) ** 2).sum(1))
-    middle = np.stack(centers)
-    part = np.zeros(len(points), np.int64)
-    for _ in range(rounds):
-        part = ((points[:, None] - middle) ** 2).sum(2).argmin(1)
-        middle = np.stack(
-            [points[part == k].mean(0) if (part == k).any() else middle[k] for k in range(parts)]
-        )
-    return part
+    return kmeans2(points, np.stack(centers), rounds, minit="matrix")[1]
 
 
 def make_blobs(

@@ -79,7 +79,7 @@ class PoseSettings:
     alike: float = 0.02
     """Fits of a limb that are nearer than this to each other are taken for one."""
 
-    joint_rounds: int = 2
+    joint_rounds: int = 3
     """How often joints are settled between fits."""
 
     joint_frames: int = 60

@@ -9,6 +9,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -22,6 +23,7 @@ from obstore.store import LocalStore, ObjectStore, from_url
 from storage.errors import InputError, PlaceError
 
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
+_SYNCED_AT_ONCE = 8
 _DELETE_AT_ONCE = 1000  # what one request of S3 takes
 
 
@@ -165,9 +167,9 @@ def sync_files(place: Place, paths: Sequence[str]) -> None:
     folders = {
         parent for file in files for parent in file.parents if place.folder in parent.parents
     }
-    with told(f"write to {place.location}"):
-        for path in (*files, *folders, place.folder):
-            _sync(path)
+    # the medium takes many at a time
+    with told(f"write to {place.location}"), ThreadPoolExecutor(_SYNCED_AT_ONCE) as pool:
+        list(pool.map(_sync, (*files, *folders, place.folder)))
 
 
 def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:

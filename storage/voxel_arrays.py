@@ -288,7 +288,7 @@ def _regrouped(parts: Iterable[NDArray], length: int) -> Iterator[tuple[int, NDA
             waiting.append(taken)
             held += len(taken)
             if held == length:
-                yield start, np.concatenate(waiting)
+                yield start, waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
                 start, held, waiting = start + held, 0, []
     if waiting:
         yield start, np.concatenate(waiting)

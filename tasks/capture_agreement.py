@@ -2,15 +2,12 @@
 
 A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
 are of one performer and the cameras stand where the calibration says. The share of a silhouette
-that the hull *explains* tells how far that holds; the cameras to blame are the fewest without
-which the others explain each other (leave-one-out consensus over visual hulls; the idea of RANSAC,
-Fischler and Bolles 1981, with all small subsets tried). Whether two films were exchanged is found
-by exchanging them.
+that the hull *explains* tells how far that holds; `tasks.geometry.witnesses` finds who is to blame
+where it does not. Here it is said in words, and what is to be done.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +21,19 @@ from storage.formats.capture import read_capture
 from storage.formats.reading import listed
 from tasks.capture_films import grid_of, largest_image, projection_of
 from tasks.geometry.hull_bounds import fitting_box, grid_corners, is_inside, main_parts
-from tasks.geometry.projection import Projection, camera_centers
-from tasks.geometry.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
+from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
+from tasks.geometry.witnesses import (
+    Witnesses,
+    find_exchanged,
+    find_to_blame,
+    hear_witnesses,
+    least_explained,
+    share_explained,
+    share_overlapped,
+)
 
 _FRAMES_LOOKED_AT = 8
-_MOST_TRIALS = 10  # exchanges of films, all of those of five cameras; 0.2 s each
 
 
 @dataclass(frozen=True)
@@ -88,13 +92,20 @@ class Agreement:
 class _Case:
     """What all checks look at."""
 
-    scene: Scene
-    votes: list[Votes]
+    witnesses: Witnesses
     grid: VoxelGrid
     names: Sequence[str]
-    usable: tuple[int, ...]
-    """The cameras whose silhouettes can be of a performer."""
     settings: AgreementSettings
+
+    @property
+    def frames(self) -> int:
+        """How many are looked at."""
+        return len(self.witnesses.votes)
+
+    @property
+    def usable(self) -> tuple[int, ...]:
+        """The cameras whose silhouettes can be of a performer."""
+        return self.witnesses.usable
 
 
 def check_agreement(
@@ -140,13 +151,14 @@ def check_agreement(
     if len(usable) < settings.min_cameras:
         said = _too_few_fault([names[c] for c in blind], len(usable), settings)
         return replace(nothing, faults=(*faults, said))
-    case = _make_case(silhouettes, projection, grid, names, usable, settings)
+    witnesses = hear_witnesses(silhouettes, projection, grid, usable, settings.min_cameras)
+    case = _Case(witnesses, grid, names, settings)
     notes: list[str] = []
     _judge_blind(case, blind, faults, notes)
     explained, overlap = unknown.copy(), unknown.copy()
     for c in usable:
-        explained[c] = _explained(case, usable, c)
-        overlap[c] = _overlap(case, c)
+        explained[c] = share_explained(witnesses, usable, c)
+        overlap[c] = share_overlapped(witnesses, c)
     trusted = _judge_cameras(case, explained, faults, notes)
     empty = _empty_frames(case)
     if trusted:
@@ -177,59 +189,23 @@ def _check_arguments(
         )
 
 
-def _make_case(
-    silhouettes: NDArray[np.bool_],
-    projection: Projection,
-    grid: VoxelGrid,
-    names: Sequence[str],
-    usable: tuple[int, ...],
-    settings: AgreementSettings,
-) -> _Case:
-    """Return the votes of all that the cameras see together, far beyond the volume."""
-    low, high = grid_corners(grid)
-    centers = camera_centers(projection)
-    least, most = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
-    half = np.maximum(most - least, (most - least).max() / 2) / 2
-    scene = make_scene(silhouettes, projection, tuple((low + high) / 2), usable)
-    votes = collect_votes(
-        scene, (least + most) / 2 - half, (least + most) / 2 + half,
-        min_cameras=settings.min_cameras,
-    )  # fmt: skip
-    return _Case(scene, votes, grid, names, usable, settings)
-
-
-def _hull(case: _Case, votes: Votes, cameras: Sequence[int]) -> NDArray[np.bool_]:
-    return hull_of(votes, cameras, case.settings.min_cameras)
-
-
-def _explained(case: _Case, cameras: Sequence[int], camera: int) -> float:
-    """Return the share of a camera's silhouettes that the hull of some cameras covers."""
-    return compare_hull(case.scene, case.votes, cameras, camera, case.settings.min_cameras)[0]
-
-
-def _overlap(case: _Case, camera: int) -> float:
-    """Return intersection over union of a camera's silhouettes and the hull of the others."""
-    others = [c for c in case.usable if c != camera]
-    return compare_hull(case.scene, case.votes, others, camera, case.settings.min_cameras)[1]
-
-
 def _judge_blind(case: _Case, blind: Sequence[int], faults: list[str], notes: list[str]) -> None:
     """Say which cameras see nobody, and whether they should."""
     should, need_not = [], []
     for c in blind:
-        hulls = [(votes, _hull(case, votes, case.usable)) for votes in case.votes]
+        hulls = [(votes, case.witnesses.hull(votes, case.usable)) for votes in case.witnesses.votes]
         size = sum(int(hull.sum()) for _, hull in hulls)
         filmed = sum(int((votes.pixel[c, hull] >= 0).sum()) for votes, hull in hulls)
         (should if filmed >= 0.1 * size else need_not).append(case.names[c])
     if should:
         faults.append(
-            f"camera {listed(should)} sees nobody in any of the {len(case.votes)} frames looked "
+            f"camera {listed(should)} sees nobody in any of the {case.frames} frames looked "
             "at, although the others do: its film or its background is of something else, or its "
             "background was filmed with the performer in it"
         )
     if need_not:
         notes.append(
-            f"Camera {listed(need_not)} sees nobody in the {len(case.votes)} frames looked at: "
+            f"Camera {listed(need_not)} sees nobody in the {case.frames} frames looked at: "
             "the performer is beside its picture."
         )
 
@@ -245,9 +221,14 @@ def _judge_cameras(
     worst = min(float(explained[c]) for c in usable)
     if worst >= case.settings.consistent:
         return usable
-    blamed = _to_blame(case, worst)
+    consistent = case.settings.consistent
+    blamed = find_to_blame(case.witnesses, worst, consistent, case.settings.guilt)
     others = tuple(c for c in usable if c not in blamed)
-    exchanged = () if len(blamed) == 1 else _exchanged(case, blamed, worst)
+    exchanged = (
+        ()
+        if len(blamed) == 1
+        else find_exchanged(case.witnesses, case.grid, blamed, worst, consistent)
+    )
     if exchanged:
         one, other = (case.names[c] for c in exchanged)
         faults.append(
@@ -266,66 +247,18 @@ def _judge_cameras(
     return _judge_all(case, worst, faults, notes)
 
 
-def _to_blame(case: _Case, worst: float) -> tuple[int, ...]:
-    """Return the fewest cameras without which the others explain each other; none if no such."""
-    for count in (1, 2):
-        found = []
-        for blamed in combinations(case.usable, count):
-            others = [c for c in case.usable if c not in blamed]
-            if len(others) >= case.settings.min_cameras:
-                found.append((_least_explained(case, others), blamed, others))
-        best, blamed, others = max(found, default=(0.0, (), ()))
-        own = np.mean([_explained(case, others, c) for c in blamed] or [1.0])
-        # leaving out a camera always helps a little; who is to blame caused most of the loss
-        caused = 1 - best <= 0.5 * (1 - worst) and 1 - own >= case.settings.guilt * (1 - best)
-        if best >= case.settings.consistent and caused:
-            return blamed
-    return ()
-
-
-def _least_explained(case: _Case, cameras: Sequence[int]) -> float:
-    return min(_explained(case, cameras, c) for c in cameras)
-
-
-def _exchanged(case: _Case, blamed: tuple[int, ...], worst: float) -> tuple[int, ...]:
-    """Return the pair of cameras whose films, exchanged, let all cameras agree; none if no such."""
-    size = case.scene.projection.image_size
-    pairs = [blamed] if blamed else _suspects(case)[:_MOST_TRIALS]
-    for one, other in pairs:
-        if (size[one] != size[other]).any():
-            continue
-        order = np.arange(len(case.names))
-        order[[one, other]] = other, one
-        films = case.scene.silhouettes[:, order]
-        trial = _make_case(
-            films, case.scene.projection, case.grid, case.names, case.usable, case.settings
-        )
-        least = _least_explained(trial, case.usable)
-        if least >= case.settings.consistent and 1 - least <= 0.5 * (1 - worst):
-            return one, other
-    return ()
-
-
-def _suspects(case: _Case) -> list[tuple[int, ...]]:
-    """Return the pairs of cameras, the ones without which the others agree best first."""
-    pairs = list(combinations(case.usable, 2))
-    rests = [[c for c in case.usable if c not in pair] for pair in pairs]
-    best = [_least_explained(case, rest) for rest in rests]
-    return [pairs[n] for n in np.argsort(best)[::-1]]
-
-
 def _blame(case: _Case, blamed: tuple[int, ...], explained: NDArray[np.float64]) -> str:
     """Return the sentence on cameras that disagree with the others."""
     others = [c for c in case.usable if c not in blamed]
     with_them = min(explained[c] for c in others)
-    own = " and ".join(f"{_explained(case, others, c):.0%}" for c in blamed)
+    own = " and ".join(f"{share_explained(case.witnesses, others, c):.0%}" for c in blamed)
     names = listed([case.names[c] for c in blamed])
     does, its, was = (
         ("disagrees", "its", "was") if len(blamed) == 1 else ("disagree", "their", "were")
     )
     return (
         f"camera {names} {does} with the others, whose hull explains {own} of {its} silhouette, "
-        f"and of one of the others {_least_explained(case, others):.0%} without and "
+        f"and of one of the others {least_explained(case.witnesses, others):.0%} without and "
         f"{with_them:.0%} with {its} silhouette: {names} {was} moved after calibration, or shows "
         "another film, another moment, or more than the performer; calibrate again or leave it out"
     )
@@ -336,7 +269,7 @@ def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -
     said = f"the hull of all cameras explains only {least:.0%} of a silhouette"
     if len(case.usable) > case.settings.min_cameras:
         without = {c: [o for o in case.usable if o != c] for c in case.usable}
-        best, worst = max((_least_explained(case, without[c]), c) for c in case.usable)
+        best, worst = max((least_explained(case.witnesses, without[c]), c) for c in case.usable)
         said += f", and {best:.0%} without camera {case.names[worst]!r}, which disagrees most"
     if least < case.settings.hopeless:
         faults.append(
@@ -354,8 +287,8 @@ def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -
 def _empty_frames(case: _Case) -> list[int]:
     """Return the frames in which the hull of all cameras has no voxel in the volume."""
     empty = []
-    for frame, votes in enumerate(case.votes):
-        points = votes.points[_hull(case, votes, case.usable)]
+    for frame, votes in enumerate(case.witnesses.votes):
+        points = votes.points[case.witnesses.hull(votes, case.usable)]
         if not is_inside(points, case.grid).any():
             empty.append(frame)
     return empty
@@ -364,8 +297,8 @@ def _empty_frames(case: _Case) -> list[int]:
 def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
     """Say how much of the hull is outside the volume."""
     hulls = [
-        main_parts(votes.points[_hull(case, votes, trusted)], case.scene.voxel_m)
-        for votes in case.votes
+        main_parts(votes.points[case.witnesses.hull(votes, trusted)], case.witnesses.scene.voxel_m)
+        for votes in case.witnesses.votes
     ]
     tallest = max((float(np.ptp(hull[:, 1])) for hull in hulls if len(hull)), default=0.0)
     if tallest > case.settings.tallest_m:
@@ -374,7 +307,7 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
             "its scale wrong? Say the unit under [video]."
         )
     points = np.concatenate(hulls)
-    outside = ~is_inside(points, case.grid, case.scene.voxel_m)
+    outside = ~is_inside(points, case.grid, case.witnesses.scene.voxel_m)
     if not outside.any():
         return
     share = float(outside.mean())

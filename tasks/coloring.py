@@ -3,15 +3,8 @@
 The cameras that see a surface voxel each have a candidate color for it, the pixel in which it
 is filmed; the voxel takes the candidate nearest to the mean of its candidates.
 
-A camera sees a voxel when it films it inside its silhouette and the straight line from the
-camera to a point above the voxel, along the outward normal, is not blocked by a voxel (a walk
-through the grid; Amanatides and Woo 1987). Cameras behind the surface count only where none
-in front sees the voxel: at its horizon, and on the edges of cloth. The paper says "observed in
-the image" only. From the voxel's own center the line would graze its neighbors, for a hull's
-surface is where lines of sight touch it: a fixed tolerance in depth leaves 13 % of a dancer
-without color, and the walk from the center just as many; from two voxels above it 1 %. The
-normal points from what is occupied within two voxels to what is empty; where that is
-symmetric, as on thin cloth, there is none, and every camera is in front.
+Which cameras see a voxel is found in `tasks.geometry.visibility`; the paper says "observed in the
+image" only.
 """
 
 import math
@@ -27,27 +20,21 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.formats.capture import read_capture
-from tasks.capture_films import (
-    grid_of,
-    largest_image,
-    projection_of,
-    side_by_side,
-)
+from tasks.capture_films import grid_of, largest_image, projection_of, side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
+from tasks.geometry.silhouette_pixels import place_pixels
+from tasks.geometry.visibility import REACH, hide_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
+    find_surface,
     padded_crop,
-    surface_index,
-    surface_voxels,
     take_frame,
     voxel_centers,
 )
 
 NO_CAMERA = 255
 """The camera of a voxel that no camera sees."""
-
-_REACH = 2  # voxels around a voxel that its normal is taken from
 
 
 @dataclass(frozen=True)
@@ -73,6 +60,9 @@ class ColoringSettings:
 @dataclass(frozen=True, eq=False)
 class SurfaceColors:
     """The colors of a frame's surface voxels, in the order of the voxels."""
+
+    is_surface: NDArray[np.bool_]
+    """(voxel,) which of the hull's voxels are on the surface: have an empty 6-neighbor."""
 
     index: NDArray[np.int32]
     """(surface voxel, 3) index in the grid."""
@@ -120,16 +110,13 @@ def color_surface(
         cameras, or there are more than 255 cameras.
     """
     _check(hull, grid, images, silhouettes, projection)
-    index = surface_index(hull, 0)
-    crop, begin = padded_crop(hull, 0, margin=_REACH)
+    crop, begin = padded_crop(hull, 0, margin=REACH)
+    is_surface, index = find_surface(hull, crop, begin)
     place = index - begin
     pixel = nearest_pixels(voxel_centers(grid, index), projection)
     _keep_inside(silhouettes, pixel)
-    normal = np.empty((len(index), 3))
-    _find_normals(crop, place, normal)
-    start = place + settings.lift_voxels * normal
     cameras = (camera_centers(projection) - grid.origin_m) / grid.voxel_m - begin
-    _hide(crop, (place, start, normal), cameras, pixel)
+    hide_pixels(crop, place, cameras, settings.lift_voxels, pixel)
     color = np.zeros((len(index), 3), np.uint8)
     camera = np.full(len(index), NO_CAMERA, np.uint8)
     _choose(np.ascontiguousarray(images), pixel, color, camera)
@@ -141,7 +128,7 @@ def color_surface(
         number = np.ravel_multi_index(tuple(place.T), crop.shape)
         found = np.searchsorted(number, np.ravel_multi_index(tuple(nearest.T), crop.shape))
         color[~seen] = color[found]
-    return SurfaceColors(index, color, camera)
+    return SurfaceColors(is_surface, index, color, camera)
 
 
 def _check(
@@ -187,94 +174,6 @@ def _keep_inside(silhouettes: Any, pixel: Any) -> None:
             row, column = pixel[c, n, 0], pixel[c, n, 1]
             if row >= 0 and not silhouettes[c, row, column]:
                 pixel[c, n, 0] = pixel[c, n, 1] = -1
-
-
-@njit(cache=True, nogil=True)
-def _find_normals(crop: Any, place: Any, normal: Any) -> None:
-    """Write the outward unit normal of each voxel; 0 where what is around is symmetric.
-
-    Away from what is occupied is toward what is empty, for the voxels around have the mean 0.
-    """
-    for n in range(len(place)):
-        x, y, z = place[n, 0], place[n, 1], place[n, 2]
-        a = b = c = 0
-        for i in range(-_REACH, _REACH + 1):
-            for j in range(-_REACH, _REACH + 1):
-                line = crop[x + i, y + j, z - _REACH : z + _REACH + 1]
-                count = 0
-                for k in range(2 * _REACH + 1):
-                    count += np.int64(line[k])
-                    c -= (k - _REACH) * np.int64(line[k])
-                a, b = a - i * count, b - j * count
-        length = max(np.sqrt(a * a + b * b + c * c), 1.0)
-        normal[n, 0], normal[n, 1], normal[n, 2] = a / length, b / length, c / length
-
-
-@njit(cache=True, nogil=True)
-def _hide(crop: Any, surface: Any, cameras: Any, pixel: Any) -> None:
-    """Write -1 for the pixels of the cameras that do not see a voxel."""
-    place, start, normal = surface
-    grid = (crop.ravel(), crop.shape)
-    for n in range(len(place)):
-        x, y, z = start[n, 0], start[n, 1], start[n, 2]
-        own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
-        seen = False
-        for from_front in (True, False):
-            for c in range(len(cameras)):
-                if pixel[c, n, 0] < 0:
-                    continue
-                dx, dy, dz = cameras[c, 0] - x, cameras[c, 1] - y, cameras[c, 2] - z
-                facing = dx * normal[n, 0] + dy * normal[n, 1] + dz * normal[n, 2]
-                if (facing >= 0) != from_front:
-                    continue
-                if (seen and not from_front) or _blocked(grid, (x, y, z), (dx, dy, dz), own):
-                    pixel[c, n, 0] = -1
-                elif from_front:
-                    seen = True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _blocked(grid: Any, start: Any, way: Any, own: Any) -> Any:
-    """Return whether a line meets an occupied voxel of a grid, other than its own."""
-    occupied, (nx, ny, nz) = grid
-    x, y, z = start
-    dx, dy, dz = way
-    i, j, k = int(np.floor(x + 0.5)), int(np.floor(y + 0.5)), int(np.floor(z + 0.5))
-    if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
-        return False
-    at = (i * ny + j) * nz + k
-    step_x, far_x, tx, end_x = _steps(x, dx, i, nx)
-    step_y, far_y, ty, end_y = _steps(y, dy, j, ny)
-    step_z, far_z, tz, end_z = _steps(z, dz, k, nz)
-    step_x, step_y = step_x * ny * nz, step_y * nz
-    end = min(min(end_x, end_y), min(end_z, 1.0)) * (
-        1 - 1e-9
-    )  # rounding never walks out of the grid
-    while not occupied[at] or at == own:
-        if tx < ty and tx < tz:
-            if tx >= end:
-                return False
-            at, tx = at + step_x, tx + far_x
-        elif ty < tz:
-            if ty >= end:
-                return False
-            at, ty = at + step_y, ty + far_y
-        else:
-            if tz >= end:
-                return False
-            at, tz = at + step_z, tz + far_z
-    return True
-
-
-@njit(cache=True, nogil=True)
-def _steps(x: Any, dx: Any, i: Any, count: Any) -> Any:
-    """Return a line's direction along an axis, its share from plane to plane, to the first, out."""
-    if dx == 0:
-        return 1, np.inf, np.inf, np.inf
-    share = 1 / dx
-    if dx > 0:
-        return 1, share, (i + 0.5 - x) * share, (count - 0.5 - x) * share
-    return -1, -share, (i - 0.5 - x) * share, (-0.5 - x) * share
 
 
 @njit(cache=True, nogil=True)
@@ -334,19 +233,6 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
             reach += 1
 
 
-@njit(cache=True, nogil=True)
-def _place(silhouettes: Any, pixels: Any, images: Any) -> None:
-    """Write the pixels of silhouettes, one after another, where they were filmed."""
-    n = 0
-    for c in range(len(silhouettes)):
-        for row in range(silhouettes.shape[1]):
-            for column in range(silhouettes.shape[2]):
-                if silhouettes[c, row, column]:
-                    for k in range(3):
-                        images[c, row, column, k] = pixels[n, k]
-                    n += 1
-
-
 def color_block(
     archive: str, capture: str, digest: str, silhouettes: dict[str, Any], hulls: dict[str, Any],
     into: str, settings: ColoringSettings,
@@ -382,19 +268,19 @@ def color_block(
     runs = VoxelRuns(**read_block(place, hulls), shape=grid.shape)
     _, columns = largest_image(source.cameras)
 
-    def color(frame: int) -> tuple[NDArray[np.bool_], SurfaceColors]:
+    def color(frame: int) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
         bits = np.unpackbits(packed[frame], axis=-1, count=columns)
         images = np.empty((*bits.shape, 3), np.uint8)  # only silhouettes are looked at
-        _place(bits, pixels[edges[frame] : edges[frame + 1]], images)
+        place_pixels(packed[frame], pixels[edges[frame] : edges[frame + 1]], images)
         hull, seen = take_frame(runs, frame), bits.view(np.bool_)
-        colored = color_surface(hull, grid, images, seen, projection, settings)
-        return surface_voxels(hull, 0), colored
+        found = color_surface(hull, grid, images, seen, projection, settings)
+        return found.is_surface, found.color, found.camera
 
-    parts = side_by_side(color, range(runs.frames))
+    is_surface, colors, cameras = zip(*side_by_side(color, range(runs.frames)), strict=True)
     arrays = {
-        "is_surface": np.concatenate([flags for flags, _ in parts]),
-        "color": np.concatenate([colored.color for _, colored in parts]),
-        "camera": np.concatenate([colored.camera for _, colored in parts]),
-        "offset": np.cumsum([0, *(len(colored.color) for _, colored in parts)]).astype(np.int64),
+        "is_surface": np.concatenate(is_surface),
+        "color": np.concatenate(colors),
+        "camera": np.concatenate(cameras),
+        "offset": np.cumsum([0, *map(len, colors)]).astype(np.int64),
     }
     return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)

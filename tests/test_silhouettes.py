@@ -124,7 +124,8 @@ def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes):
     image[0, 6:8] = color[0, 6:8] * 0.8  # inside the region, but it looks like the background
     rough = cv2.dilate(there.astype(np.uint8), np.ones((2, 2), np.uint8)).astype(bool)
     settings = SilhouetteSettings(cut=cut, passes=passes)
-    fast = stage._outlined(image, color, rough.astype(np.uint8), (0.0, 0.0), settings)
+    planes = (*cv2.split(image), *cv2.split(color))
+    fast = stage._outlined(planes, rough.astype(np.uint8), (0.0, 0.0), settings)
     slow = rough
     for _ in range(passes):
         slow = naive.outline(image, color, slow, settings.reach_px, cut)

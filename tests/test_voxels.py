@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tasks.geometry.voxel_bits import read_bits
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
@@ -9,7 +10,6 @@ from tasks.geometry.voxels import (
     encode_runs,
     join_runs,
     padded_crop,
-    read_bits,
     surface_index,
     surface_voxels,
     take_frame,

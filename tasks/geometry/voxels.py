@@ -14,10 +14,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-WORD = 32
-"""Voxels along z in a word of bits."""
-
-_FULL = 2**WORD - 1
 _MOST_VOXELS = 2**32  # the number of a voxel is stored in 32 bits
 _LONGEST_SIDE = 2**16 - 1  # the length of a run in 16
 
@@ -156,26 +152,6 @@ def encode_runs(occupied: NDArray[np.bool_]) -> VoxelRuns:
     return VoxelRuns(number.astype(np.uint32), length.astype(np.uint16), offset, shape)
 
 
-def read_bits(
-    words: NDArray[np.uint32], begin: NDArray[np.int64], shape: tuple[int, int, int]
-) -> VoxelRuns:
-    """Return the runs of one frame from a box of bits.
-
-    Parameters
-    ----------
-    words : (x, y, word) uint32
-        Bit k of word w is set where the voxel `begin[2] + 32 w + k` along z is occupied. No
-        bit is set outside the grid.
-    begin : (3,) int64
-        Index in the grid of the box's first voxel.
-    shape
-        Number of voxels of the grid along x, y and z.
-    """
-    runs = _read_runs(words, begin, shape)
-    start, length = runs[:, 0].astype(np.uint32), (runs[:, 1] - runs[:, 0]).astype(np.uint16)
-    return VoxelRuns(start, length, np.array([0, len(runs)], np.int64), shape)
-
-
 def join_runs(parts: Sequence[VoxelRuns]) -> VoxelRuns:
     """Return the frames of all parts, one part after another.
 
@@ -290,11 +266,7 @@ def surface_voxels(runs: VoxelRuns, frame: int) -> NDArray[np.bool_]:
         If there is no such frame.
     """
     one = take_frame(runs, frame)
-    crop, begin = padded_crop(one, 0)
-    is_surface = np.empty(int(one.length.sum(dtype=np.int64)), np.bool_)
-    _, ny, nz = runs.shape
-    _find_surface(one.start, one.length, (ny, nz, begin), crop, is_surface)
-    return is_surface
+    return find_surface(one, *padded_crop(one, 0))[0]
 
 
 def surface_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
@@ -308,7 +280,33 @@ def surface_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
         If there is no such frame.
     """
     one = take_frame(runs, frame)
-    return voxel_index(one, 0)[surface_voxels(one, 0)]
+    return find_surface(one, *padded_crop(one, 0))[1]
+
+
+def find_surface(
+    one: VoxelRuns, crop: NDArray[np.uint8], begin: NDArray[np.int64]
+) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    """Return which voxels of a single frame are on the surface, and their index.
+
+    Parameters
+    ----------
+    one
+        Runs of a single frame.
+    crop, begin
+        As `padded_crop` returned them for it.
+
+    Returns
+    -------
+    is_surface : (voxel,) bool
+        As `surface_voxels`.
+    index : (surface voxel, 3) int32
+        As `surface_index`.
+    """
+    voxels = int(one.length.sum(dtype=np.int64))
+    is_surface, index = np.empty(voxels, np.bool_), np.empty((voxels, 3), np.int32)
+    _, ny, nz = one.shape
+    found = _find_surface(one.start, one.length, (ny, nz, begin), crop, (is_surface, index))
+    return is_surface, index[:found].copy()
 
 
 def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
@@ -345,64 +343,30 @@ def _paint(start: Any, length: Any, sides: Any, begin: Any, crop: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _find_surface(start: Any, length: Any, place: Any, crop: Any, is_surface: Any) -> None:
-    """Write whether each voxel of the runs has an empty 6-neighbor in the padded crop."""
+def _find_surface(start: Any, length: Any, place: Any, crop: Any, into: Any) -> Any:
+    """Write whether each voxel has an empty 6-neighbor in the padded crop, and where; count these.
+
+    The loop over a run's neighbors has no branches, so that it is vectorized.
+    """
     ny, nz, begin = place
-    voxel = 0
+    is_surface, index = into
+    voxel = found = 0
     for run in range(len(start)):
         number = np.int64(start[run])
         column = number // nz
-        x, y, z = column // ny - begin[0], column % ny - begin[1], number % nz - begin[2]
-        last = np.int64(length[run]) - 1
-        for k in range(last + 1):
-            beside = crop[x - 1, y, z + k] + crop[x + 1, y, z + k]
-            beside += crop[x, y - 1, z + k] + crop[x, y + 1, z + k]
-            is_surface[voxel] = k == 0 or k == last or beside != 4
-            voxel += 1
-
-
-@njit(cache=True, nogil=True)
-def _read_runs(words: Any, begin: Any, shape: Any) -> Any:
-    """Return the first voxels of the runs of set bits and of what follows each, in order."""
-    runs = np.empty((_count_runs(words), 2), np.int64)
-    found = 0
-    for x in range(words.shape[0]):
-        for y in range(words.shape[1]):
-            at = ((x + begin[0]) * shape[1] + y + begin[1]) * shape[2] + begin[2]
-            before = 0
-            for w in range(words.shape[2]):
-                word = np.int64(words[x, y, w])
-                changes = (word ^ (word << 1 | before)) & _FULL
-                before = word >> (WORD - 1)
-                bit = 0
-                while changes:
-                    if changes & 15 == 0:
-                        changes >>= 4
-                        bit += 4
-                        continue
-                    if changes & 1:
-                        runs[found >> 1, found & 1] = at + w * WORD + bit
-                        found += 1
-                    changes >>= 1
-                    bit += 1
-            if before:
-                runs[found >> 1, 1] = at + words.shape[2] * WORD
+        x, y, z = column // ny, column % ny, number % nz
+        i, j, first = x - begin[0], y - begin[1], z - begin[2]
+        count = np.int64(length[run])
+        end = first + count
+        before, behind = crop[i - 1, j, first:end], crop[i + 1, j, first:end]
+        under, above = crop[i, j - 1, first:end], crop[i, j + 1, first:end]
+        flags = is_surface[voxel : voxel + count]
+        for k in range(count):
+            flags[k] = (before[k] & behind[k] & under[k] & above[k]) == 0
+        flags[0] = flags[count - 1] = True
+        for k in range(count):
+            if flags[k]:
+                index[found, 0], index[found, 1], index[found, 2] = x, y, z + k
                 found += 1
-    return runs
-
-
-@njit(cache=True, nogil=True)
-def _count_runs(words: Any) -> Any:
-    """Return the number of runs of set bits."""
-    found = 0
-    for x in range(words.shape[0]):
-        for y in range(words.shape[1]):
-            before = 0
-            for w in range(words.shape[2]):
-                word = np.int64(words[x, y, w])
-                starts = word & ~(word << 1 | before) & _FULL
-                before = word >> (WORD - 1)
-                while starts:
-                    starts &= starts - 1
-                    found += 1
+        voxel += count
     return found

@@ -28,6 +28,8 @@ def arrays():
         "color": rng.integers(0, 256, (7, 3), np.uint8),
         "offset": np.array([0, 3, 3, 7]),
         "none": np.zeros((0, 3), np.uint8),
+        "by_columns": np.asfortranarray(rng.random((4, 6))),
+        "one": np.array(2.5),
     }
 
 
@@ -43,6 +45,7 @@ def test_a_block_gives_back_every_array_bit_for_bit(place, arrays):
     for name, values in arrays.items():
         assert found[name].dtype == values.dtype
         np.testing.assert_array_equal(found[name], values)
+        assert found[name].flags.writeable
     assert (block["start"], block["end"]) == (5, 8)
     assert block["path"].startswith("work/okuri48/")
     assert has_block(place, block)

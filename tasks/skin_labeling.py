@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.geometry.skin import SkinModel, is_skin
+from tasks.geometry.skin import LEAST_RATIO, NO_CAMERA
+from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
 from tasks.voxel_frames import VoxelFrames
 
@@ -90,7 +91,7 @@ def track_skin(
 def label_skin(
     frames: VoxelFrames,
     frame: int,
-    index: NDArray[np.int32],
+    lines: VoxelLines,
     fit: dict[str, NDArray],
     *,
     reach_m: float,
@@ -102,8 +103,8 @@ def label_skin(
     ----------
     frames, frame
         The take, and which frame of it.
-    index : (voxel, 3) int
-        The frame's voxels in the grid, in order.
+    lines
+        The frame's voxels.
     fit
         Where face and hands were seen (`seen`), and the colors of skin, as `fit_take` has them.
     reach_m
@@ -111,23 +112,43 @@ def label_skin(
     least_m2
         Smallest region of skin that counts, square metres.
     """
-    label = np.zeros(len(index), np.uint8)
+    label = np.zeros(lines.voxels, np.uint8)
     place = fit["seen"][frame]
     if not np.isfinite(place).all():
         return label
     is_surface, color, camera = frames.surface(frame)
-    skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
-    own = np.flatnonzero(is_surface)[is_skin(skin, color) & (camera != 255)]
+    tables = (fit["skin_hand"], fit["skin_face"], LEAST_RATIO)
+    voxel, index = _find_skin(lines.table, is_surface, color, camera, tables)
     regions = track_skin(
-        index[own],
-        voxel_centers(frames.grid, index[own]),
-        np.ones(len(own), np.bool_),
+        index,
+        voxel_centers(frames.grid, index),
+        np.ones(len(index), np.bool_),
         place,
         reach_m=reach_m,
         least_voxels=round(least_m2 / frames.grid.voxel_m**2),
     )
-    label[own] = regions.label
+    label[voxel] = regions.label
     return label
+
+
+@njit(cache=True, nogil=True)
+def _find_skin(lines: Any, is_surface: Any, color: Any, camera: Any, tables: Any) -> Any:
+    """Return place in the list and index of the surface voxels whose own color is skin's."""
+    hand, face, least = tables
+    voxel, index = np.empty(len(color), np.int32), np.empty((len(color), 3), np.int32)
+    seen = found = 0
+    for line in range(len(lines)):
+        for k in range(lines[line, LENGTH]):
+            if not is_surface[lines[line, FIRST] + k]:
+                continue
+            r, g, b = color[seen, 0] >> 2, color[seen, 1] >> 2, color[seen, 2] >> 2
+            if camera[seen] != NO_CAMERA and max(hand[r, g, b], face[r, g, b]) > least:
+                voxel[found] = lines[line, FIRST] + k
+                index[found, 0], index[found, 1] = lines[line, X], lines[line, Y]
+                index[found, 2] = lines[line, Z] + k
+                found += 1
+            seen += 1
+    return voxel[:found].copy(), index[:found].copy()
 
 
 def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

@@ -174,7 +174,7 @@ def label_carried(
     (voxel,) uint8
         Segment plus one; all 0 where no voxel is near the body.
     """
-    return clean_labels(_LABEL[nearest_bones(lines, fields, turn, shift)], lines)
+    return clean_labels(nearest_bones(lines, fields, turn, shift, value=_LABEL), lines)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -22,7 +22,7 @@ from tasks.geometry.voxels import voxel_centers
 from tasks.joint_tracks import ARM_LABELS, move_to_ends, track_stature
 from tasks.posing import PosingSettings, Refs
 from tasks.provisional_labeling import label_provisionally
-from tasks.skin_labeling import label_skin
+from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 
@@ -54,7 +54,7 @@ def label_block(
     share /= share.sum()
     stature_m = source.stature_m or track_stature(fit["joint"])
     reach_m = settings.provisional.reach_m(source.stature_m, source.fps)
-    least_m2 = settings.provisional.least_skin_m2
+    least_m2, is_skin = settings.provisional.least_skin_m2, skin_table(fit)
 
     def label(own: NDArray[np.int64]) -> dict[str, list[NDArray]]:
         found: dict[str, list[NDArray]] = {"joint": [], "provisional_label": [], "label": []}
@@ -64,7 +64,10 @@ def label_block(
             lines, final = _final(frames, int(frame), fit)
             provisional = final
             if frame and before[1].any():
-                skin = label_skin(frames, frame, lines, fit, reach_m=reach_m, least_m2=least_m2)
+                skin = label_skin(
+                    frames, frame, lines, fit["seen"][frame], is_skin,
+                    reach_m=reach_m, least_m2=least_m2,
+                )  # fmt: skip
                 provisional = label_provisionally(
                     lines, *before, share, settings.provisional, skin_label=skin
                 )

@@ -37,7 +37,7 @@ from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
-from tasks.skin_labeling import label_skin
+from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)
@@ -280,7 +280,7 @@ def _fit_as_paper(
     center = voxel_centers(frames.grid, frames.index(initial_frame))
     body = measure_body(center, start["label"], start["position"])
     stature_m = source.stature_m or track_stature(start["position"][None])
-    fit = {"seen": seen.position, "skin_hand": seen.model.hand, "skin_face": seen.model.face}
+    is_skin = skin_table({"skin_hand": seen.model.hand, "skin_face": seen.model.face})
     rule = ProvisionalSettings()
     reach_m = rule.reach_m(source.stature_m, source.fps)
     pose, label, previous = (body.position, body.rotation), start["label"], initial_frame
@@ -290,8 +290,9 @@ def _fit_as_paper(
         index, lines = frames.index(frame), lines_of(frames.hull(frame))
         if frame > initial_frame and len(index):
             skin = label_skin(
-                frames, frame, lines, fit, reach_m=reach_m, least_m2=rule.least_skin_m2
-            )
+                frames, frame, lines, seen.position[frame], is_skin,
+                reach_m=reach_m, least_m2=rule.least_skin_m2,
+            )  # fmt: skip
             before = lines_of(frames.hull(previous))
             provisional = label_provisionally(
                 lines, before, label, body.shape.volume_share, rule, skin_label=skin

@@ -22,7 +22,8 @@ from tasks.geometry.label_regions import clean_labels
 from tasks.geometry.nearest_voxels import copy_nearest
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-_IN_RING, _ENCLOSED = np.uint8(1), np.uint8(2)
+_IN_RING, _ENCLOSED, _LEFT = np.uint8(1), np.uint8(2), np.uint8(4)
+"""Marks of a voxel: in the ring, between its own label, and no more of its first one."""
 
 
 @dataclass(frozen=True)
@@ -166,35 +167,32 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     if worst < 0:
         return
     box, place, step = _paint(label, lines)
+    for s in range(len(stretch)):
+        stretch[s, 0] = place[stretch[s, 0]] + stretch[s, 1] - lines[stretch[s, 0], FIRST]
     marks = np.zeros(len(box), np.uint8)
     ring = np.empty(len(label), np.int32)
     room = np.zeros(len(share) + 1, np.int64)
-    room[1:] = np.cumsum(np.maximum(count[1 : len(share) + 1], np.ceil(wanted).astype(np.int64)))
-    members = np.empty(room[-1], np.int32)
-    size_of = np.full(len(share), -1, np.int64)
+    room[1:] = np.cumsum(np.maximum(np.ceil(wanted).astype(np.int64), 0))
+    gained, gains = np.empty(room[-1], np.int32), np.full(len(share), -1, np.int64)
     for _ in range(most_rings):
-        member = members[room[worst] : room[worst + 1]]
-        if size_of[worst] < 0:
-            size_of[worst] = _find_members(stretch, place, lines, worst + 1, member)
-        kept, size = _find_ring(box, step, worst + 1, (member, size_of[worst]), ring, marks)
-        taken = min(size, np.int64(np.ceil(wanted[worst])) - count[worst + 1])
+        own = worst + 1
+        if gains[worst] < 0:
+            gains[worst] = 0
+            _mark_enclosed(box, step, own, stretch, marks)
+        size = _find_ring(box, step, own, stretch, ring, marks)
+        mine = gained[room[worst] : room[worst + 1]]
+        kept, size = _add_gained(box, step, own, (mine, gains[worst]), (ring, size), marks)
+        for n in range(size):
+            marks[ring[n]] &= _ENCLOSED | _LEFT
+        taken = min(size, np.int64(np.ceil(wanted[worst])) - count[own])
         for n in range(taken):
-            voxel = ring[n * size // taken]
-            count[box[voxel]] -= 1
-            box[voxel] = worst + 1
-            member[kept + n] = voxel
-            for k in range(6):
-                marks[voxel + step[k]] &= _IN_RING
-        count[worst + 1] += taken
-        size_of[worst] = kept + taken
-        if not size:
-            break
+            mine[kept + n] = ring[n * size // taken]
+        _take(box, step, own, mine[kept : kept + taken], count, marks)
+        gains[worst] = kept + taken
         worst = _most_shrunken(count, wanted, enough)
-        if worst < 0:
+        if not size or worst < 0:
             break
-    for line in range(len(lines)):
-        for k in range(lines[line, LENGTH]):
-            label[lines[line, FIRST] + k] = box[place[line] + k]
+    _read(box, place, lines, label)
 
 
 @njit(cache=True, nogil=True)
@@ -245,16 +243,29 @@ def _paint(label: Any, lines: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_members(stretch: Any, place: Any, lines: Any, own: Any, member: Any) -> Any:
-    """Write where in the box the voxels of a label are; return how many there are."""
-    count = 0
+def _read(box: Any, place: Any, lines: Any, label: Any) -> None:
+    """Write the labels of a box."""
+    for line in range(len(lines)):
+        for k in range(lines[line, LENGTH]):
+            label[lines[line, FIRST] + k] = box[place[line] + k]
+
+
+@njit(cache=True, nogil=True)
+def _mark_enclosed(box: Any, step: Any, own: Any, stretch: Any, marks: Any) -> None:
+    """Mark the voxels of the stretches of a label that are beside no other label."""
+    deep, wide, own = step[3], step[5], np.uint8(own)
     for s in range(len(stretch)):
-        if stretch[s, 3] == own:
-            there = place[stretch[s, 0]] - lines[stretch[s, 0], FIRST]
-            for n in range(stretch[s, 1], stretch[s, 2]):
-                member[count] = there + n
-                count += 1
-    return count
+        if stretch[s, 3] != own:
+            continue
+        begin = stretch[s, 0]
+        for n in range(begin, begin + stretch[s, 2] - stretch[s, 1]):
+            between = (box[n - 1] == own) | (box[n - 1] == 0)
+            between &= (box[n + 1] == own) | (box[n + 1] == 0)
+            between &= (box[n - deep] == own) | (box[n - deep] == 0)
+            between &= (box[n + deep] == own) | (box[n + deep] == 0)
+            between &= (box[n - wide] == own) | (box[n - wide] == 0)
+            between &= (box[n + wide] == own) | (box[n + wide] == 0)
+            marks[n] |= _ENCLOSED * between
 
 
 @njit(cache=True, nogil=True)
@@ -268,30 +279,62 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_ring(box: Any, step: Any, own: Any, members: Any, ring: Any, marks: Any) -> Any:
-    """Write the labeled voxels next to a label; return how many members and voxels there are.
+def _find_ring(box: Any, step: Any, own: Any, stretch: Any, ring: Any, marks: Any) -> Any:
+    """Write the labeled voxels next to what is left of a label's stretches; return how many."""
+    size = 0
+    for s in range(len(stretch)):
+        if stretch[s, 3] != own:
+            continue
+        begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 2] - stretch[s, 1]
+        is_open = np.uint8(0)
+        for n in range(begin, end):
+            is_open |= (marks[n] & (_ENCLOSED | _LEFT)) == 0
+        if is_open:
+            for n in range(begin, end):
+                if marks[n] & (_ENCLOSED | _LEFT) == 0:
+                    size = _add_beside(box, step, n, ring, size, marks)
+    return size
 
-    `marks` are what is in the ring, none before and after, and what is known to be enclosed by
-    its own label.
-    """
-    member, end = members
-    kept = size = 0
+
+@njit(cache=True, nogil=True)
+def _add_gained(box: Any, step: Any, own: Any, gained: Any, ring: Any, marks: Any) -> Any:
+    """Write the labeled voxels next to what a label gained and has; return how much each is."""
+    member, end = gained
+    voxels, size = ring
+    kept = 0
     for m in range(end):
         voxel = member[m]
         if box[voxel] == own:  # was not taken since
             member[kept] = voxel
             kept += 1
-            if marks[voxel] & _ENCLOSED:
-                continue
-            marks[voxel] |= _ENCLOSED
-            for k in range(6):
-                other = voxel + step[k]
-                if box[other] and box[other] != own:
-                    marks[voxel] &= _IN_RING
-                    if not marks[other] & _IN_RING:
-                        marks[other] |= _IN_RING
-                        ring[size] = other
-                        size += 1
-    for n in range(size):
-        marks[ring[n]] &= _ENCLOSED
+            if not marks[voxel] & _ENCLOSED:
+                size = _add_beside(box, step, voxel, voxels, size, marks)
     return kept, size
+
+
+@njit(cache=True, nogil=True)
+def _add_beside(box: Any, step: Any, voxel: Any, ring: Any, size: Any, marks: Any) -> Any:
+    """Write the neighbors of a voxel with other labels into the ring; return its size."""
+    own = box[voxel]
+    marks[voxel] |= _ENCLOSED
+    for k in range(6):
+        other = voxel + step[k]
+        if box[other] and box[other] != own:
+            marks[voxel] &= _IN_RING | _LEFT
+            if not marks[other] & _IN_RING:
+                marks[other] |= _IN_RING
+                ring[size] = other
+                size += 1
+    return size
+
+
+@njit(cache=True, nogil=True)
+def _take(box: Any, step: Any, own: Any, taken: Any, count: Any, marks: Any) -> None:
+    """Give voxels to a label; whether those beside them are enclosed is no more known."""
+    for voxel in taken:
+        count[box[voxel]] -= 1
+        box[voxel] = own
+        marks[voxel] |= _LEFT
+        for k in range(6):
+            marks[voxel + step[k]] &= _IN_RING | _LEFT
+    count[own] += len(taken)

@@ -78,7 +78,9 @@ def nearest_bones(
     fields: BoneFields,
     turn: NDArray[np.floating],
     shift: NDArray[np.floating],
-) -> NDArray[np.int8]:
+    *,
+    value: NDArray[np.generic] | None = None,
+) -> NDArray:
     """Return the bone that each voxel is deepest in, or else nearest to.
 
     Parameters
@@ -91,13 +93,17 @@ def nearest_bones(
         What turns a place of this frame back to the bone's initial frame.
     shift : (bone, 3) float
         What is added then, in voxels.
+    value : (bone + 1,)
+        What is returned for each bone, and for none: by default their numbers as int8, and -1.
 
     Returns
     -------
-    (voxel,) int8
-        -1 where no bone is near. Of equally near bones the first is taken.
+    (voxel,)
+        The values. Of equally near bones the first is taken.
     """
-    nearest = np.empty(lines.voxels, np.int8)
+    if value is None:
+        value = np.append(np.arange(len(turn)), -1).astype(np.int8)
+    nearest = np.empty(lines.voxels, value.dtype)
     if not len(nearest):
         return nearest
     local = np.asarray(shift, np.float64) - fields.begin + 0.5  # down to the nearest cell
@@ -108,7 +114,7 @@ def nearest_bones(
         np.column_stack([offset[:-1], fields.sides]),
         fields.distance,
         127.0 / fields.most,
-        nearest,
+        (value, nearest),
     )
     return nearest
 
@@ -144,13 +150,12 @@ def _distance(of: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _find_nearest(
-    lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, nearest: Any
-) -> None:
-    """Write the nearest bone of each voxel, stretch after stretch along z in a cube.
+def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, values: Any) -> None:
+    """Write the value of the nearest bone of each voxel, stretch after stretch along z in a cube.
 
     `boxes`: where the cells of each bone begin, and their sides.
     """
+    value, nearest = values
     low, cubes = _cubes_around(lines)
     looked = np.zeros(cubes[0] * cubes[1] * cubes[2], np.int16)
     known = np.empty((len(looked), len(back)), np.int8)
@@ -172,17 +177,17 @@ def _find_nearest(
             size = min(stop, low[2] + (k + 1) * _CUBE) - z
             near = (cube, looked[cube] - 1)
             first, last = _look((x, y, z, size - 1), near, known, back, boxes, distance)
-            nearest[n], nearest[n + size - 1] = first, last
+            nearest[n], nearest[n + size - 1] = value[first], value[last]
             if first == last:
                 for m in range(1, size - 1):
-                    nearest[n + m] = first
+                    nearest[n + m] = value[first]
             else:
                 for m in range(1, size - 1, 2):
                     pair = (x, y, z + m, 1)
                     one, other = _look(pair, near, known, back, boxes, distance)
-                    nearest[n + m] = one
+                    nearest[n + m] = value[one]
                     if m + 1 < size - 1:
-                        nearest[n + m + 1] = other
+                        nearest[n + m + 1] = value[other]
             n += size
             z += size
 

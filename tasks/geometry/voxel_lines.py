@@ -72,8 +72,11 @@ def labeled_centers(
 
     A center is what `voxel_centers` gives.
     """
-    is_wanted = np.isin(np.arange(256), wanted)
-    index, value = _pick(lines.table, label, is_wanted)
+    count = sum(int(np.count_nonzero(label == own)) for own in wanted)
+    is_wanted = np.zeros(256, np.bool_)
+    is_wanted[list(wanted)] = True
+    index, value = np.empty((count, 3), np.int32), np.empty(count, np.uint8)
+    _pick(lines.table, label, is_wanted, index, value)
     return np.asarray(grid.origin_m, np.float64) + index * float(grid.voxel_m), value
 
 
@@ -126,12 +129,8 @@ def _part(index: Any, table: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _pick(lines: Any, label: Any, is_wanted: Any) -> Any:
-    """Return index and label of the voxels with labels that are wanted."""
-    found = 0
-    for n in range(len(label)):
-        found += is_wanted[label[n]]
-    index, value = np.empty((found, 3), np.int32), np.empty(found, np.uint8)
+def _pick(lines: Any, label: Any, is_wanted: Any, index: Any, value: Any) -> None:
+    """Write index and label of the voxels with labels that are wanted."""
     found = 0
     for line in range(len(lines)):
         for k in range(lines[line, LENGTH]):
@@ -141,7 +140,6 @@ def _pick(lines: Any, label: Any, is_wanted: Any) -> Any:
                 index[found, 2] = lines[line, Z] + k
                 value[found] = own
                 found += 1
-    return index, value
 
 
 @njit(cache=True, nogil=True)

@@ -15,4 +15,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if sys.platform == "linux":
     # glibc raises the size from which freed memory goes back to the system whenever a larger array
     # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 1 MiB
-    getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(-3, 1 << 20)
+    _set_memory = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
+    _set_memory(-3, 1 << 20)
+    # the arrays of one frame, freed and made again a frame later, are kept: every page that comes
+    # back costs 2 us, a tenth of the processor time of digitizing; -1: M_TRIM_THRESHOLD
+    _set_memory(-1, 1 << 25)

@@ -17,12 +17,12 @@ from storage.formats.capture import read_capture
 from tasks.capture_films import THREADS, grid_of, side_by_side
 from tasks.final_labeling import label_carried, label_frame
 from tasks.geometry.bone_fields import BoneFields
-from tasks.geometry.label_regions import voxel_neighbors
+from tasks.geometry.voxel_lines import VoxelLines, labeled_centers, lines_of
 from tasks.geometry.voxels import voxel_centers
-from tasks.joint_tracks import move_to_ends, track_stature
+from tasks.joint_tracks import ARM_LABELS, move_to_ends, track_stature
 from tasks.posing import PosingSettings, Refs
 from tasks.provisional_labeling import label_provisionally
-from tasks.skin_labeling import label_skin
+from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 
@@ -54,24 +54,25 @@ def label_block(
     share /= share.sum()
     stature_m = source.stature_m or track_stature(fit["joint"])
     reach_m = settings.provisional.reach_m(source.stature_m, source.fps)
-    least_m2 = settings.provisional.least_skin_m2
+    least_m2, is_skin = settings.provisional.least_skin_m2, skin_table(fit)
 
     def label(own: NDArray[np.int64]) -> dict[str, list[NDArray]]:
         found: dict[str, list[NDArray]] = {"joint": [], "provisional_label": [], "label": []}
-        index, final = _final(frames, max(int(own[0]) - 1, 0), fit)[::2]
+        lines, final = _final(frames, max(int(own[0]) - 1, 0), fit)
         for frame in own:
-            before = (index, final)
-            index, neighbors, final = _final(frames, int(frame), fit)
+            before = (lines, final)
+            lines, final = _final(frames, int(frame), fit)
             provisional = final
             if frame and before[1].any():
-                skin = label_skin(frames, frame, index, fit, reach_m=reach_m, least_m2=least_m2)
-                provisional = label_provisionally(
-                    index, *before, share, settings.provisional,
-                    skin_label=skin, neighbors=neighbors,
+                skin = label_skin(
+                    frames, frame, lines, fit["seen"][frame], is_skin,
+                    reach_m=reach_m, least_m2=least_m2,
                 )  # fmt: skip
-            arms = np.flatnonzero((final == 5) | (final == 7))
-            center = voxel_centers(frames.grid, index[arms])
-            joints, tips = fit["joint"][frame], final[arms]
+                provisional = label_provisionally(
+                    lines, *before, share, settings.provisional, skin_label=skin
+                )
+            center, tips = labeled_centers(frames.grid, lines, final, ARM_LABELS)
+            joints = fit["joint"][frame]
             ends = move_to_ends(joints, center, tips, settings.ends, stature_m=stature_m)
             for name, value in zip(found, (ends, provisional, final), strict=True):
                 found[name].append(value)
@@ -86,18 +87,17 @@ def label_block(
 
 def _final(
     frames: VoxelFrames, frame: int, fit: dict[str, NDArray]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
-    """Return index, neighbors and final labels of a frame's voxels."""
-    index = frames.index(frame)
-    neighbors = voxel_neighbors(index)
-    if not len(index):
-        return index, neighbors, np.zeros(0, np.uint8)
+) -> tuple[VoxelLines, NDArray[np.uint8]]:
+    """Return a frame's voxels and their final labels."""
+    lines = lines_of(frames.hull(frame))
+    if not lines.voxels:
+        return lines, np.zeros(0, np.uint8)
     if "blob_mean" in fit:
-        center = voxel_centers(frames.grid, index)
-        blobs = fit["blob_mean"][frame], fit["blob_inverse"][frame]
-        return index, neighbors, label_frame(center, index, *blobs, neighbors=neighbors)
+        center = voxel_centers(frames.grid, frames.index(frame))
+        return lines, label_frame(
+            center, lines, fit["blob_mean"][frame], fit["blob_inverse"][frame]
+        )
     fields = BoneFields(
         fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
     )
-    turn, shift = fit["turn"][frame], fit["shift"][frame]
-    return index, neighbors, label_carried(index, fields, turn, shift, neighbors=neighbors)
+    return lines, label_carried(lines, fields, fit["turn"][frame], fit["shift"][frame])

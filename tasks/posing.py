@@ -30,13 +30,14 @@ from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.doubts import cut_off_at, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities
 from tasks.geometry.skin import SurfaceFrame
+from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
 from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
-from tasks.skin_labeling import label_skin
+from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)
@@ -223,7 +224,7 @@ class _Surfaces(Sequence[SurfaceFrame]):
 
     def __getitem__(self, frame: Any) -> Any:
         is_surface, color, camera = self._frames.surface(frame)
-        center = voxel_centers(self._frames.grid, self._frames.index(frame)[is_surface])
+        center = marked_centers(self._frames.grid, self._frames.hull(frame), is_surface)
         return SurfaceFrame(center, color, camera)
 
 
@@ -279,21 +280,22 @@ def _fit_as_paper(
     center = voxel_centers(frames.grid, frames.index(initial_frame))
     body = measure_body(center, start["label"], start["position"])
     stature_m = source.stature_m or track_stature(start["position"][None])
-    fit = {"seen": seen.position, "skin_hand": seen.model.hand, "skin_face": seen.model.face}
+    is_skin = skin_table({"skin_hand": seen.model.hand, "skin_face": seen.model.face})
     rule = ProvisionalSettings()
     reach_m = rule.reach_m(source.stature_m, source.fps)
     pose, label, previous = (body.position, body.rotation), start["label"], initial_frame
     found = [(*pose, np.ones(11))]
     means, inverses = [], []
     for frame in range(len(frames)):
-        index = frames.index(frame)
+        index, lines = frames.index(frame), lines_of(frames.hull(frame))
         if frame > initial_frame and len(index):
             skin = label_skin(
-                frames, frame, index, fit, reach_m=reach_m, least_m2=rule.least_skin_m2
-            )
-            before = frames.index(previous)
+                frames, frame, lines, seen.position[frame], is_skin,
+                reach_m=reach_m, least_m2=rule.least_skin_m2,
+            )  # fmt: skip
+            before = lines_of(frames.hull(previous))
             provisional = label_provisionally(
-                index, before, label, body.shape.volume_share, rule, skin_label=skin
+                lines, before, label, body.shape.volume_share, rule, skin_label=skin
             )
             found.append(
                 fit_frame(
@@ -308,7 +310,7 @@ def _fit_as_paper(
         means.append(mean)
         inverses.append(inverse)
         if frame > initial_frame and previous == frame:
-            label = label_frame(voxel_centers(frames.grid, index), index, mean, inverse)
+            label = label_frame(voxel_centers(frames.grid, index), lines, mean, inverse)
     track = join_poses(body.shape, found)
     arrays = {
         "initial_joint": start["position"],

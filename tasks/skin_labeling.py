@@ -5,6 +5,7 @@ theirs. What the paper leaves open: where a region is nearest to more than one p
 hands touch, each of its voxels goes to the nearest of them.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.geometry.skin import SkinModel, is_skin
+from tasks.geometry.skin import LEAST_RATIO, NO_CAMERA
+from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
 from tasks.voxel_frames import VoxelFrames
 
@@ -87,11 +89,20 @@ def track_skin(
     return SkinRegions(label, moved, found)
 
 
+def skin_table(fit: Mapping[str, NDArray]) -> NDArray[np.bool_]:
+    """Return (64, 64, 64) which colors, by the upper six bits of R, G and B, are skin's.
+
+    `fit` has the colors of skin as `fit_take` has them.
+    """
+    return np.maximum(fit["skin_hand"], fit["skin_face"]) > LEAST_RATIO
+
+
 def label_skin(
     frames: VoxelFrames,
     frame: int,
-    index: NDArray[np.int32],
-    fit: dict[str, NDArray],
+    lines: VoxelLines,
+    place: NDArray[np.floating],
+    is_skin: NDArray[np.bool_],
     *,
     reach_m: float,
     least_m2: float,
@@ -102,85 +113,99 @@ def label_skin(
     ----------
     frames, frame
         The take, and which frame of it.
-    index : (voxel, 3) int
-        The frame's voxels in the grid, in order.
-    fit
-        Where face and hands were seen (`seen`), and the colors of skin, as `fit_take` has them.
+    lines
+        The frame's voxels.
+    place : (3, 3) float
+        Where the face, the right and the left hand were seen, metres; NaN where unseen.
+    is_skin
+        As `skin_table` gives it.
     reach_m
         As `track_skin`.
     least_m2
         Smallest region of skin that counts, square metres.
     """
-    label = np.zeros(len(index), np.uint8)
-    place = fit["seen"][frame]
+    label = np.zeros(lines.voxels, np.uint8)
     if not np.isfinite(place).all():
         return label
-    is_surface, color, camera = frames.surface(frame)
-    skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
-    own = np.flatnonzero(is_surface)[is_skin(skin, color) & (camera != 255)]
+    voxel, index = _find_skin(lines.table, *frames.surface(frame), is_skin)
     regions = track_skin(
-        index[own],
-        voxel_centers(frames.grid, index[own]),
-        np.ones(len(own), np.bool_),
+        index,
+        voxel_centers(frames.grid, index),
+        np.ones(len(index), np.bool_),
         place,
         reach_m=reach_m,
         least_voxels=round(least_m2 / frames.grid.voxel_m**2),
     )
-    label[own] = regions.label
+    label[voxel] = regions.label
     return label
+
+
+@njit(cache=True, nogil=True)
+def _find_skin(lines: Any, is_surface: Any, color: Any, camera: Any, is_skin: Any) -> Any:
+    """Return place in the list and index of the surface voxels whose own color is skin's."""
+    voxel, index = np.empty(len(color), np.int32), np.empty((len(color), 3), np.int32)
+    seen = found = 0
+    for line in range(len(lines)):
+        for k in range(lines[line, LENGTH]):
+            if not is_surface[lines[line, FIRST] + k]:
+                continue
+            own = is_skin[color[seen, 0] >> 2, color[seen, 1] >> 2, color[seen, 2] >> 2]
+            if own and camera[seen] != NO_CAMERA:
+                voxel[found] = lines[line, FIRST] + k
+                index[found, 0], index[found, 1] = lines[line, X], lines[line, Y]
+                index[found, 2] = lines[line, Z] + k
+                found += 1
+            seen += 1
+    return voxel[:found].copy(), index[:found].copy()
 
 
 def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the region of each voxel, of voxels within two of each other, and the sizes."""
-    low, high = np.array(index[0], np.int64), np.array(index[0], np.int64)
-    _stretch_box(index, low, high)
-    sides = high - low + 5
-    stride = np.array([sides[1] * sides[2], sides[2], 1])
-    steps = np.arange(-2, 3)
-    near = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    near = near[(near**2).sum(axis=1) <= 4]
-    box = np.zeros(int(np.prod(sides)), np.int32)
-    region = np.full(len(index), -1, np.int32)
-    _spread(index, (low - 2, stride), near @ stride, box, region)
-    return region, np.bincount(region)
+    first = np.arange(len(index), dtype=np.int32)
+    _join_near(np.ascontiguousarray(index, np.int32), first)
+    count = _number(first)
+    return first, np.bincount(first, minlength=count)
 
 
 @njit(cache=True, nogil=True)
-def _spread(index: Any, frame: Any, step: Any, box: Any, region: Any) -> None:
-    """Write the region of each voxel: what steps lead to from its first voxel."""
-    stack = np.empty(len(index), np.int32)
+def _join_near(index: Any, first: Any) -> None:
+    """Write for each voxel one that stands for all that are within two of each other."""
+    low, high = index[:, 1].min(), index[:, 1].max()
+    sides = high - low + 1
+    column = np.zeros((index[-1, 0] - index[0, 0] + 1) * sides + 1, np.int32)  # voxels before it
     for n in range(len(index)):
-        box[_place_of(index[n], frame)] = n + 1
+        column[(index[n, 0] - index[0, 0]) * sides + index[n, 1] - low + 1] += 1
+    for c in range(1, len(column)):
+        column[c] += column[c - 1]
+    for n in range(len(index)):
+        x, y, z = index[n, 0] - index[0, 0], index[n, 1], index[n, 2]
+        for i in range(max(x - 2, 0), x + 1):
+            most = 4 - (x - i) ** 2
+            for j in range(max(y - 2, low), min(y + 2, high) + 1):
+                c = i * sides + j - low
+                for m in range(column[c], min(column[c + 1], n)):
+                    if (y - j) ** 2 + (z - index[m, 2]) ** 2 <= most:
+                        a, b = _first_of(first, n), _first_of(first, m)
+                        first[max(a, b)] = min(a, b)
+
+
+@njit(cache=True, nogil=True)
+def _first_of(first: Any, voxel: Any) -> Any:
+    """Return the voxel that stands for one, and shorten the way there."""
+    while first[voxel] != voxel:
+        first[voxel] = first[first[voxel]]
+        voxel = first[voxel]
+    return voxel
+
+
+@njit(cache=True, nogil=True)
+def _number(first: Any) -> Any:
+    """Write the number of its region for each voxel, by their first voxels; return how many."""
     count = 0
-    for seed in range(len(index)):
-        if region[seed] >= 0:
-            continue
-        region[seed] = count
-        stack[0], top = seed, 1
-        while top:
-            top -= 1
-            place = _place_of(index[stack[top]], frame)
-            for k in range(len(step)):
-                other = box[place + step[k]] - 1
-                if other >= 0 and region[other] < 0:
-                    region[other] = count
-                    stack[top] = other
-                    top += 1
-        count += 1
-
-
-@njit(cache=True, nogil=True)
-def _stretch_box(index: Any, low: Any, high: Any) -> None:
-    """Move the corners of a box until all voxels are inside."""
-    for n in range(len(index)):
-        for k in range(3):
-            low[k] = min(low[k], index[n, k])
-            high[k] = max(high[k], index[n, k])
-
-
-@njit(cache=True, nogil=True)
-def _place_of(voxel: Any, frame: Any) -> Any:
-    """Return where a voxel is in a box kept as a line."""
-    low, stride = frame
-    away = (voxel[0] - low[0]) * stride[0] + (voxel[1] - low[1]) * stride[1]
-    return away + voxel[2] - low[2]
+    for n in range(len(first)):
+        if first[n] == n:
+            first[n] = count
+            count += 1
+        else:  # it was joined to an earlier one, which has its number by now
+            first[n] = first[first[n]]
+    return count

@@ -157,12 +157,14 @@ def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, ke
         i, j = x + around[k, 0] - box[0], y + around[k, 1] - box[1]
         if 0 <= i < box[2] and 0 <= j < box[3]:
             for line in range(start[i * box[3] + j], start[i * box[3] + j + 1]):
-                gap = max(lines[line, Z] - z - size, z - lines[line, Z] - lines[line, LENGTH]) + 1
+                ahead = np.int64(z - lines[line, Z])
+                gap = max(1 - ahead - size, ahead - lines[line, LENGTH] + 1)
                 if gap <= 0 or beside + (gap * gap << _BITS) <= most:
-                    most = _take_nearer(z - lines[line, Z], beside, lines, line, size, key)
+                    most = _take_nearer(ahead, beside, lines, line, size, key)
     for line in range(len(lines)):  # farther than all columns that are in order
         beside = np.int64(x - lines[line, X]) ** 2 + np.int64(y - lines[line, Y]) ** 2
-        _take_nearer(z - lines[line, Z], beside << _BITS, lines, line, size, key)
+        ahead = np.int64(z - lines[line, Z])
+        _take_nearer(ahead, beside << _BITS, lines, line, size, key)
 
 
 @njit(cache=True, nogil=True)

@@ -44,7 +44,8 @@ from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import publish_take
-from tasks.posing import PosingSettings, fit_take
+from tasks.labeling import label_block
+from tasks.posing import PosingSettings
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.voxel_exporting import picture_initial
 
@@ -215,7 +216,7 @@ def _identity(recording: Recording, settings: DigitizationSettings) -> str:
         fingerprint(extract_block, {"settings": settings.silhouettes}),
         fingerprint(carve_block, {"settings": settings.carving}),
         fingerprint(color_block, {"settings": settings.coloring}),
-        fingerprint(fit_take, {"settings": settings.posing}),
+        fingerprint(label_block, {"settings": settings.posing}),  # stands on `fit_take`
         fingerprint(assemble_take, {}),
         recording.digest,
     ]

@@ -22,7 +22,8 @@ from tasks.coloring import color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
-from tasks.posing import fit_take, label_block, model_take
+from tasks.labeling import label_block
+from tasks.posing import fit_take, model_take
 from tasks.silhouettes import extract_block
 
 

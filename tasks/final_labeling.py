@@ -20,10 +20,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.articulated import BONES, SEGMENT
-from tasks.geometry.blob_fitting import bones_of_voxels
 from tasks.geometry.bone_fields import BoneFields, make_fields, nearest_bones
+from tasks.geometry.fit_model import bones_of_voxels
 from tasks.geometry.initial_shape_labels import body_size, complete_joints, is_limb
 from tasks.geometry.label_regions import clean_labels
+from tasks.geometry.voxel_lines import VoxelLines
 
 __all__ = ["clean_labels", "label_carried", "label_frame", "make_body_fields", "nearest_segments"]
 
@@ -85,12 +86,11 @@ def nearest_segments(
 
 def label_frame(
     center: NDArray[np.floating],
-    index: NDArray[np.integer],
+    lines: VoxelLines,
     mean: NDArray[np.floating],
     inverse: NDArray[np.floating],
     *,
     segment: NDArray[np.integer] | None = None,
-    neighbors: NDArray[np.int32] | None = None,
 ) -> NDArray[np.uint8]:
     """Return the final labels of a frame: nearest segments, each one connected region.
 
@@ -98,12 +98,10 @@ def label_frame(
     ----------
     center : (voxel, 3) float
         Metres.
-    index : (voxel, 3) int
-        In the grid, in order.
+    lines
+        The voxels.
     mean, inverse, segment
         As `nearest_segments`.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them, where they are known already.
 
     Returns
     -------
@@ -116,7 +114,7 @@ def label_frame(
         As `nearest_segments` and `clean_labels`.
     """
     label = nearest_segments(center, mean, inverse, segment=segment)
-    return clean_labels(label, index, neighbors=neighbors)
+    return clean_labels(label, lines)
 
 
 def make_body_fields(
@@ -155,38 +153,28 @@ def make_body_fields(
 
 
 def label_carried(
-    index: NDArray[np.integer],
+    lines: VoxelLines,
     fields: BoneFields,
     turn: NDArray[np.floating],
     shift: NDArray[np.floating],
-    *,
-    neighbors: NDArray[np.int32] | None = None,
 ) -> NDArray[np.uint8]:
     """Return the final labels of a frame: the initial body's, each one connected region.
 
     Parameters
     ----------
-    index : (voxel, 3) int
-        In the grid, in order.
+    lines
+        The voxels.
     fields
         As `make_body_fields` gives them.
     turn, shift : (bone, 3, 3) and (bone, 3) float
         What takes this frame's voxels back to the initial frame, as `carry_back` gives it.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them, where they are known already.
 
     Returns
     -------
     (voxel,) uint8
         Segment plus one; all 0 where no voxel is near the body.
-
-    Raises
-    ------
-    ValueError
-        As `clean_labels`.
     """
-    label = _LABEL[nearest_bones(index, fields, turn, shift)]
-    return clean_labels(label, index, neighbors=neighbors)
+    return clean_labels(nearest_bones(lines, fields, turn, shift, value=_LABEL), lines)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -10,8 +10,10 @@ retrieval paper's.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.body_tree import CARRIERS, JOINT_NAMES
@@ -19,6 +21,9 @@ from tasks.retrieval.normalization import DEFAULT_STATURE_M, measure_stature
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""
+
+ARM_LABELS = tuple(CARRIERS[JOINT_NAMES.index(name)] + 1 for name in _BONES)
+"""The labels of the voxels that `move_to_ends` looks at."""
 
 _INFERRED = tuple(k for k, name in enumerate(JOINT_NAMES) if name[1:] in ("Wrist", "Ankle", "Heel"))
 
@@ -85,7 +90,7 @@ def move_to_ends(
     center : (voxel, 3) float
         Metres.
     label : (voxel,) int
-        Final labels, 1 to 11.
+        Final labels, 1 to 11; no more than those of `ARM_LABELS` are looked at.
     settings
         How ends are measured.
     stature_m
@@ -99,10 +104,8 @@ def move_to_ends(
         if not length > 0:  # NaN, too
             continue
         bone = bone / length
-        away = center[label == CARRIERS[tip] + 1] - moved[root]
-        along = away @ bone
-        aside = np.linalg.norm(away - along[:, None] * bone, axis=1)
-        along = along[(aside <= settings.radius * stature_m) & (along > 0)]
+        limits = (CARRIERS[tip] + 1, settings.radius * stature_m)
+        along = _ways(np.asarray(center), np.asarray(label), moved[root], bone, limits)
         if len(along) >= settings.least_voxels:
             most = settings.most_change * stature_m
             change = float(np.quantile(along, settings.end_share)) - length
@@ -158,3 +161,23 @@ def track_stature(track: NDArray[np.floating]) -> float:
     """
     stature = measure_stature(track, JOINT_NAMES)
     return stature if math.isfinite(stature) else DEFAULT_STATURE_M
+
+
+@njit(cache=True, nogil=True)
+def _ways(center: Any, label: Any, root: Any, bone: Any, limits: Any) -> Any:
+    """Return how far along a bone the voxels of a label are that are near it and not before it."""
+    own, radius = limits
+    along = np.empty(len(center))
+    found = 0
+    for n in range(len(center)):
+        if label[n] != own:
+            continue
+        x, y, z = center[n, 0] - root[0], center[n, 1] - root[1], center[n, 2] - root[2]
+        way = x * bone[0] + y * bone[1] + z * bone[2]
+        if way <= 0:
+            continue
+        x, y, z = x - way * bone[0], y - way * bone[1], z - way * bone[2]
+        if np.sqrt(x * x + y * y + z * z) <= radius:
+            along[found] = way
+            found += 1
+    return along[:found]

@@ -22,21 +22,22 @@ from storage.formats.capture import Capture, read_capture
 from storage.formats.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body_model import measure_body
-from tasks.capture_films import THREADS, grid_of, side_by_side
-from tasks.final_labeling import label_carried, label_frame, make_body_fields
+from tasks.capture_films import grid_of, side_by_side
+from tasks.final_labeling import label_frame, make_body_fields
 from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
-from tasks.geometry.bone_fields import BoneFields, carry_back
+from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.doubts import cut_off_at, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities
-from tasks.geometry.label_regions import voxel_neighbors
-from tasks.geometry.skin import SkinModel, SurfaceFrame, is_skin
+from tasks.geometry.skin import SurfaceFrame
+from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
-from tasks.joint_tracks import JointTrackSettings, move_to_ends, track_stature
+from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
-from tasks.provisional_labeling import ProvisionalSettings, label_provisionally, track_skin
+from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
+from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)
@@ -173,62 +174,6 @@ def fit_take(
     return write_block(place, into, (0, len(frames)), arrays, begun)
 
 
-def label_block(
-    archive: str, capture: str, digest: str, hulls: Refs, colors: Refs, initial: dict[str, Any],
-    fitted: dict[str, Any], into: str, start: int, end: int, settings: PosingSettings,
-) -> dict[str, Any]:  # fmt: skip
-    """Write labels and joints of the frames from `start` to before `end` as a block.
-
-    Parameters
-    ----------
-    fitted
-        As `fit_take` returned it.
-    archive, capture, digest, hulls, colors, initial, into, settings
-        As for `fit_take`.
-
-    Returns
-    -------
-    dict
-        As `storage.blocks.write_block`; the arrays are `provisional_label` and `label` (voxel,),
-        and `joint` (time, 21, 3), m, with the finger tips where the voxels end.
-    """
-    begun = time.monotonic()
-    source = read_capture(Path(capture))
-    place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(source), hulls, colors)
-    fit, first = read_block(place, fitted), read_block(place, initial)
-    share = np.bincount(first["label"], minlength=12)[1:].astype(np.float64)
-    share /= share.sum()
-    stature_m = source.stature_m or track_stature(fit["joint"])
-
-    def label(own: NDArray[np.int64]) -> dict[str, list[NDArray]]:
-        found: dict[str, list[NDArray]] = {"joint": [], "provisional_label": [], "label": []}
-        index, final = _final(frames, max(int(own[0]) - 1, 0), fit)[::2]
-        for frame in own:
-            before = (index, final)
-            index, neighbors, final = _final(frames, int(frame), fit)
-            provisional = final
-            if frame and before[1].any():
-                skin = _skin_labels(frames, frame, index, fit, settings.provisional, source)
-                provisional = label_provisionally(
-                    index, *before, share, settings.provisional,
-                    skin_label=skin, neighbors=neighbors,
-                )  # fmt: skip
-            arms = np.flatnonzero((final == 5) | (final == 7))
-            center = voxel_centers(frames.grid, index[arms])
-            joints, tips = fit["joint"][frame], final[arms]
-            ends = move_to_ends(joints, center, tips, settings.ends, stature_m=stature_m)
-            for name, value in zip(found, (ends, provisional, final), strict=True):
-                found[name].append(value)
-        return found
-
-    parts = side_by_side(label, np.array_split(np.arange(start, end), min(THREADS, end - start)))
-    whole = {name: [value for part in parts for value in part[name]] for name in parts[0]}
-    arrays = {name: np.concatenate(values) for name, values in whole.items() if name != "joint"}
-    arrays["joint"] = np.stack(whole["joint"])
-    return write_block(place, into, (start, end), arrays, begun)
-
-
 def _given_model(path: Path, frames: VoxelFrames) -> InitialModel:
     """Return the model that a person placed, checked against the voxels of its frame."""
     given = read_initial(path)
@@ -279,7 +224,7 @@ class _Surfaces(Sequence[SurfaceFrame]):
 
     def __getitem__(self, frame: Any) -> Any:
         is_surface, color, camera = self._frames.surface(frame)
-        center = voxel_centers(self._frames.grid, self._frames.index(frame)[is_surface])
+        center = marked_centers(self._frames.grid, self._frames.hull(frame), is_surface)
         return SurfaceFrame(center, color, camera)
 
 
@@ -335,18 +280,22 @@ def _fit_as_paper(
     center = voxel_centers(frames.grid, frames.index(initial_frame))
     body = measure_body(center, start["label"], start["position"])
     stature_m = source.stature_m or track_stature(start["position"][None])
-    fit = {"seen": seen.position, "skin_hand": seen.model.hand, "skin_face": seen.model.face}
+    is_skin = skin_table({"skin_hand": seen.model.hand, "skin_face": seen.model.face})
     rule = ProvisionalSettings()
+    reach_m = rule.reach_m(source.stature_m, source.fps)
     pose, label, previous = (body.position, body.rotation), start["label"], initial_frame
     found = [(*pose, np.ones(11))]
     means, inverses = [], []
     for frame in range(len(frames)):
-        index = frames.index(frame)
+        index, lines = frames.index(frame), lines_of(frames.hull(frame))
         if frame > initial_frame and len(index):
-            skin = _skin_labels(frames, frame, index, fit, rule, source)
-            before = frames.index(previous)
+            skin = label_skin(
+                frames, frame, lines, seen.position[frame], is_skin,
+                reach_m=reach_m, least_m2=rule.least_skin_m2,
+            )  # fmt: skip
+            before = lines_of(frames.hull(previous))
             provisional = label_provisionally(
-                index, before, label, body.shape.volume_share, rule, skin_label=skin
+                lines, before, label, body.shape.volume_share, rule, skin_label=skin
             )
             found.append(
                 fit_frame(
@@ -361,7 +310,7 @@ def _fit_as_paper(
         means.append(mean)
         inverses.append(inverse)
         if frame > initial_frame and previous == frame:
-            label = label_frame(voxel_centers(frames.grid, index), index, mean, inverse)
+            label = label_frame(voxel_centers(frames.grid, index), lines, mean, inverse)
     track = join_poses(body.shape, found)
     arrays = {
         "initial_joint": start["position"],
@@ -395,47 +344,3 @@ def _doubts(
         "cut_off": cut_off,
         "doubtful": doubtful | unexplained | cut_off,
     }
-
-
-def _final(
-    frames: VoxelFrames, frame: int, fit: dict[str, NDArray]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
-    """Return index, neighbors and final labels of a frame's voxels."""
-    index = frames.index(frame)
-    neighbors = voxel_neighbors(index)
-    if not len(index):
-        return index, neighbors, np.zeros(0, np.uint8)
-    if "blob_mean" in fit:
-        center = voxel_centers(frames.grid, index)
-        blobs = fit["blob_mean"][frame], fit["blob_inverse"][frame]
-        return index, neighbors, label_frame(center, index, *blobs, neighbors=neighbors)
-    fields = BoneFields(
-        fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
-    )
-    turn, shift = fit["turn"][frame], fit["shift"][frame]
-    return index, neighbors, label_carried(index, fields, turn, shift, neighbors=neighbors)
-
-
-def _skin_labels(
-    frames: VoxelFrames, frame: int, index: NDArray[np.int32], fit: dict[str, NDArray],
-    settings: ProvisionalSettings, source: Capture,
-) -> NDArray[np.uint8]:  # fmt: skip
-    """Return the label of the face's and the hands' voxels, 0 elsewhere."""
-    label = np.zeros(len(index), np.uint8)
-    place = fit["seen"][frame]
-    if not np.isfinite(place).all():
-        return label
-    is_surface, color, camera = frames.surface(frame)
-    skin = SkinModel(fit["skin_hand"], fit["skin_face"], 1.0, 1.0)
-    own = np.flatnonzero(is_surface)[is_skin(skin, color) & (camera != 255)]
-    stature_m = source.stature_m or 1.6
-    regions = track_skin(
-        index[own],
-        voxel_centers(frames.grid, index[own]),
-        np.ones(len(own), np.bool_),
-        place,
-        reach_m=settings.skin_speed * stature_m / source.fps,
-        least_voxels=round(settings.least_skin_m2 / frames.grid.voxel_m**2),
-    )
-    label[own] = regions.label
-    return label

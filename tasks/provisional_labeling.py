@@ -7,8 +7,7 @@ its share at t = 0.
 
 What the paper leaves open: a share is reached to within a tolerance, and of a ring of neighbors
 only as many voxels are taken, evenly along it, as are wanted; the number of rings is bounded,
-for shares need not be reachable. Where a region of skin is nearest to more than one place, as
-when hands touch, each of its voxels goes to the nearest of them.
+for shares need not be reachable.
 """
 
 import math
@@ -19,24 +18,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.geometry.label_regions import clean_labels, nearest_at_rim, voxel_neighbors
+from tasks.geometry.label_regions import clean_labels
+from tasks.geometry.nearest_voxels import copy_nearest
+from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-SKIN_LABELS = (1, 5, 7)
-"""The labels of the face, the right and the left hand: Head, RForeArm, LForeArm."""
-
-_REACH = 10  # voxels within which a dense box is searched, beyond a tree
-
-
-def _offsets() -> NDArray[np.int64]:
-    """Return (offset, 3) the steps within reach, the shortest first, then in order."""
-    steps = np.arange(-_REACH, _REACH + 1)
-    offset = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    distance = (offset**2).sum(axis=1)
-    nearest = np.argsort(distance, kind="stable")
-    return offset[nearest[distance[nearest] <= _REACH**2]]
-
-
-_OFFSETS = _offsets()
+_IN_RING, _ENCLOSED, _LEFT = np.uint8(1), np.uint8(2), np.uint8(4)
+"""Marks of a voxel: in the ring, between its own label, and no more of its first one."""
 
 
 @dataclass(frozen=True)
@@ -77,26 +64,13 @@ class ProvisionalSettings:
         if faults:
             raise ValueError(f"no frame can be labeled so: {'; '.join(faults)}")
 
-
-@dataclass(frozen=True, eq=False)
-class SkinRegions:
-    """Where the face and the hands are in a frame."""
-
-    label: NDArray[np.uint8]
-    """(surface voxel,) label of the segment whose skin it is; 0 elsewhere."""
-
-    place: NDArray[np.float64]
-    """(3, 3) middle of the face, the right and the left hand, metres: the frame before's where
-    none was found."""
-
-    found: NDArray[np.bool_]
-    """(3,) whether it was found."""
+    def reach_m(self, stature_m: float | None, rate_hz: float) -> float:
+        """Return how far skin moves from frame to frame at most, m; of 1.6 m if not known."""
+        return self.skin_speed * (stature_m or 1.6) / rate_hz
 
 
 def label_from_previous(
-    index: NDArray[np.integer],
-    previous_index: NDArray[np.integer],
-    previous_label: NDArray[np.integer],
+    lines: VoxelLines, previous: VoxelLines, previous_label: NDArray[np.integer]
 ) -> NDArray[np.uint8]:
     """Return the label of the nearest voxel of the frame before, for each voxel.
 
@@ -104,10 +78,8 @@ def label_from_previous(
 
     Parameters
     ----------
-    index : (voxel, 3) int
-        In the grid, in order.
-    previous_index : (previous voxel, 3) int
-        Of the frame before, in order.
+    lines, previous
+        The voxels, and those of the frame before.
     previous_label : (previous voxel,) int
         Its final labels, 1 to 255.
 
@@ -116,85 +88,17 @@ def label_from_previous(
     ValueError
         If labels and voxels do not fit, or the frame before has no voxel.
     """
-    if len(previous_index) != len(previous_label) or not len(previous_index):
+    if previous.voxels != len(previous_label) or not previous.voxels:
         raise ValueError(
-            f"{len(previous_index)} voxels with {len(previous_label)} labels say nothing of the "
+            f"{previous.voxels} voxels with {len(previous_label)} labels say nothing of the "
             "next frame; pass the last frame that has voxels, and a label for each"
         )
-    if not len(index):
-        return np.zeros(0, np.uint8)
-    low, high = np.array(index[0], np.int64), np.array(index[0], np.int64)
-    for voxels in (index, previous_index):
-        _stretch_box(voxels, low, high)
-    sides = high - low + 1 + 2 * _REACH
-    stride = np.array([sides[1] * sides[2], sides[2], 1])
-    box = np.zeros(int(np.prod(sides)), np.uint8)
-    label = np.zeros(len(index), np.uint8)
-    before = (previous_index, np.asarray(previous_label, np.uint8))
-    _take_nearest(index, before, (low - _REACH, stride), _OFFSETS @ stride, box, label)
-    far = np.flatnonzero(label == 0)
-    if len(far):
-        around = voxel_neighbors(previous_index)
-        every = np.ones(len(previous_index), np.bool_)
-        label[far] = before[1][nearest_at_rim(index[far], previous_index, around, every)]
-    return label
-
-
-def track_skin(
-    index: NDArray[np.integer],
-    center: NDArray[np.floating],
-    is_skin: NDArray[np.bool_],
-    place: NDArray[np.floating],
-    *,
-    reach_m: float,
-    least_voxels: int,
-) -> SkinRegions:
-    """Return the regions of skin color nearest to where face and hands were.
-
-    Regions are voxels of skin color within two voxels of each other.
-
-    Parameters
-    ----------
-    index : (surface voxel, 3) int
-        In the grid, in order.
-    center : (surface voxel, 3) float
-        Metres.
-    is_skin : (surface voxel,) bool
-        True where the color is skin's.
-    place : (3, 3) float
-        Middle of the face, the right and the left hand in the frame before, metres.
-    reach_m
-        How far from there the nearest voxel of a region may be.
-    least_voxels
-        Smaller regions are none.
-    """
-    label = np.zeros(len(index), np.uint8)
-    moved, found = np.array(place, np.float64), np.zeros(len(SKIN_LABELS), np.bool_)
-    skin = np.flatnonzero(is_skin)
-    if not len(skin):
-        return SkinRegions(label, moved, found)
-    region, size = _skin_regions(index[skin])
-    large = size[region] >= max(least_voxels, 1)
-    skin, region = skin[large], region[large]
-    away = np.linalg.norm(np.asarray(place)[:, None] - center[skin], axis=2)
-    chosen = np.full(len(SKIN_LABELS), -1)
-    for k in range(len(SKIN_LABELS)):
-        if len(skin) and away[k].min() <= reach_m:
-            chosen[k] = region[away[k].argmin()]
-    wanted = np.where(chosen[:, None] == region, away, np.inf)
-    taken = np.isfinite(wanted).any(axis=0)
-    owner = wanted.argmin(axis=0)
-    for k, value in enumerate(SKIN_LABELS):
-        own = skin[taken & (owner == k)]
-        if len(own):
-            label[own], found[k] = value, True
-            moved[k] = center[own].mean(axis=0)
-    return SkinRegions(label, moved, found)
+    return copy_nearest(lines, previous, np.asarray(previous_label, np.uint8))
 
 
 def restore_volumes(
     label: NDArray[np.uint8],
-    neighbors: NDArray[np.int32],
+    lines: VoxelLines,
     share: NDArray[np.floating],
     settings: ProvisionalSettings,
 ) -> NDArray[np.uint8]:
@@ -203,37 +107,37 @@ def restore_volumes(
     Parameters
     ----------
     label : (voxel,) uint8
-        1 to 11; 0 is none, and never taken.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them.
+        0 to 11; 0 is none, and never taken.
+    lines
+        The voxels.
     share : (11,) float
         Of the labeled voxels at t = 0.
     settings
         When to stop.
     """
     grown = np.array(label, np.uint8)
-    limits = (1.0 - settings.volume_tolerance, settings.most_rings)
-    _dilate(grown, neighbors, np.asarray(share, np.float64), limits)
+    if len(grown):
+        limits = (1.0 - settings.volume_tolerance, settings.most_rings)
+        _dilate(grown, lines.table, np.asarray(share, np.float64), limits)
     return grown
 
 
 def label_provisionally(
-    index: NDArray[np.integer],
-    previous_index: NDArray[np.integer],
+    lines: VoxelLines,
+    previous: VoxelLines,
     previous_label: NDArray[np.integer],
     share: NDArray[np.floating],
     settings: ProvisionalSettings,
     *,
     skin_label: NDArray[np.integer] | None = None,
-    neighbors: NDArray[np.int32] | None = None,
 ) -> NDArray[np.uint8]:
     """Return the provisional labels of a frame.
 
     Parameters
     ----------
-    index : (voxel, 3) int
-        In the grid, in order.
-    previous_index, previous_label
+    lines
+        The voxels.
+    previous, previous_label
         Of the frame before, as `label_from_previous`.
     share : (11,) float
         Each segment's share of the labeled voxels at t = 0.
@@ -241,128 +145,127 @@ def label_provisionally(
         How volumes are restored.
     skin_label : (voxel,) int
         Label of the segment whose skin a voxel is, 0 elsewhere, where skin was tracked.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them, where they are known already.
 
     Raises
     ------
     ValueError
         As `label_from_previous` and `clean_labels`.
     """
-    if neighbors is None:
-        neighbors = voxel_neighbors(index)
-    label = label_from_previous(index, previous_index, previous_label)
+    label = label_from_previous(lines, previous, previous_label)
     if skin_label is not None:
-        label = np.where(skin_label > 0, skin_label, label).astype(np.uint8)
-    label = clean_labels(label, index, neighbors=neighbors)
-    return restore_volumes(label, neighbors, share, settings)
-
-
-def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the region of each voxel, of voxels within two of each other, and the sizes."""
-    low, high = np.array(index[0], np.int64), np.array(index[0], np.int64)
-    _stretch_box(index, low, high)
-    sides = high - low + 5
-    stride = np.array([sides[1] * sides[2], sides[2], 1])
-    near = _OFFSETS[(_OFFSETS**2).sum(axis=1) <= 4]
-    box = np.zeros(int(np.prod(sides)), np.int32)
-    region = np.full(len(index), -1, np.int32)
-    _spread(index, (low - 2, stride), near @ stride, box, region)
-    return region, np.bincount(region)
+        np.copyto(label, skin_label.astype(np.uint8), where=skin_label > 0)
+    return restore_volumes(clean_labels(label, lines), lines, share, settings)
 
 
 @njit(cache=True, nogil=True)
-def _spread(index: Any, frame: Any, step: Any, box: Any, region: Any) -> None:
-    """Write the region of each voxel: what steps lead to from its first voxel."""
-    stack = np.empty(len(index), np.int32)
-    for n in range(len(index)):
-        box[_place_of(index[n], frame)] = n + 1
-    count = 0
-    for seed in range(len(index)):
-        if region[seed] >= 0:
-            continue
-        region[seed] = count
-        stack[0], top = seed, 1
-        while top:
-            top -= 1
-            place = _place_of(index[stack[top]], frame)
-            for k in range(len(step)):
-                other = box[place + step[k]] - 1
-                if other >= 0 and region[other] < 0:
-                    region[other] = count
-                    stack[top] = other
-                    top += 1
-        count += 1
-
-
-@njit(cache=True, nogil=True)
-def _stretch_box(index: Any, low: Any, high: Any) -> None:
-    """Move the corners of a box until all voxels are inside."""
-    for n in range(len(index)):
-        for k in range(3):
-            low[k] = min(low[k], index[n, k])
-            high[k] = max(high[k], index[n, k])
-
-
-@njit(cache=True, nogil=True)
-def _place_of(voxel: Any, frame: Any) -> Any:
-    """Return where a voxel is in a box kept as a line."""
-    low, stride = frame
-    away = (voxel[0] - low[0]) * stride[0] + (voxel[1] - low[1]) * stride[1]
-    return away + voxel[2] - low[2]
-
-
-@njit(cache=True, nogil=True)
-def _take_nearest(index: Any, before: Any, frame: Any, step: Any, box: Any, label: Any) -> None:
-    """Write the label of the nearest voxel of the frame before, where one is within reach."""
-    previous_index, previous_label = before
-    for n in range(len(previous_index)):
-        box[_place_of(previous_index[n], frame)] = previous_label[n]
-    for n in range(len(index)):
-        place = _place_of(index[n], frame)
-        for k in range(len(step)):
-            there = box[place + step[k]]
-            if there:
-                label[n] = there
-                break
-
-
-@njit(cache=True, nogil=True)
-def _dilate(label: Any, neighbors: Any, share: Any, limits: Any) -> None:
+def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     """Give rings of neighbors to the segment furthest below its share, until none is."""
     enough, most_rings = limits
-    count = np.zeros(256, np.int64)
-    member = np.empty((len(share), len(label)), np.int32)
-    members = np.zeros(len(share), np.int64)
-    for voxel in range(len(label)):
-        own = np.int64(label[voxel])
-        count[own] += 1
-        if 0 < own <= len(share):
-            member[own - 1, members[own - 1]] = voxel
-            members[own - 1] += 1
+    stretch, count = _find_stretches(label, lines)
     wanted = share * (len(label) - count[0])
+    worst = _most_shrunken(count, wanted, enough)
+    if worst < 0:
+        return
+    box, place, step = _paint(label, lines)
+    for s in range(len(stretch)):
+        stretch[s, 0] = place[stretch[s, 0]] + stretch[s, 1] - lines[stretch[s, 0], FIRST]
+    marks = np.zeros(len(box), np.uint8)
     ring = np.empty(len(label), np.int32)
-    marks = np.zeros((2, len(label)), np.bool_)
+    room = np.zeros(len(share) + 1, np.int64)
+    room[1:] = np.cumsum(np.maximum(np.ceil(wanted).astype(np.int64), 0))
+    gained, gains = np.empty(room[-1], np.int32), np.full(len(share), -1, np.int64)
     for _ in range(most_rings):
-        worst = _most_shrunken(count, wanted, enough)
-        if worst < 0:
-            break
-        kept, size = _find_ring(
-            label, neighbors, worst + 1, (member[worst], members[worst]), ring, marks
-        )
-        taken = min(size, np.int64(np.ceil(wanted[worst])) - count[worst + 1])
+        own = worst + 1
+        if gains[worst] < 0:
+            gains[worst] = 0
+            _mark_enclosed(box, step, own, stretch, marks)
+        size = _find_ring(box, step, own, stretch, ring, marks)
+        mine = gained[room[worst] : room[worst + 1]]
+        kept, size = _add_gained(box, step, own, (mine, gains[worst]), (ring, size), marks)
+        for n in range(size):
+            marks[ring[n]] &= _ENCLOSED | _LEFT
+        taken = min(size, np.int64(np.ceil(wanted[worst])) - count[own])
         for n in range(taken):
-            voxel = ring[n * size // taken]
-            count[label[voxel]] -= 1
-            label[voxel] = worst + 1
-            member[worst, kept + n] = voxel
-            for k in range(6):
-                if neighbors[voxel, k] >= 0:
-                    marks[1, neighbors[voxel, k]] = False
-        count[worst + 1] += taken
-        members[worst] = kept + taken
-        if not size:
+            mine[kept + n] = ring[n * size // taken]
+        _take(box, step, own, mine[kept : kept + taken], count, marks)
+        gains[worst] = kept + taken
+        worst = _most_shrunken(count, wanted, enough)
+        if not size or worst < 0:
             break
+    _read(box, place, lines, label)
+
+
+@njit(cache=True, nogil=True)
+def _find_stretches(label: Any, lines: Any) -> Any:
+    """Return line, first voxel, end and label of each stretch of a label; and labels' counts."""
+    turns = np.empty(len(label), np.bool_)
+    for n in range(1, len(label)):
+        turns[n] = label[n] != label[n - 1]
+    stretches = len(lines)
+    for n in range(1, len(label)):
+        stretches += turns[n]
+    stretch, count = np.empty((stretches, 4), np.int32), np.zeros(256, np.int64)
+    s = 0
+    for line in range(len(lines)):
+        n = lines[line, FIRST]
+        end = n + lines[line, LENGTH]
+        while n < end:
+            begin = n
+            n += 1
+            while n < end and not turns[n]:
+                n += 1
+            stretch[s, 0], stretch[s, 1], stretch[s, 2] = line, begin, n
+            stretch[s, 3] = label[begin]
+            count[label[begin]] += n - begin
+            s += 1
+    return stretch[:s], count
+
+
+@njit(cache=True, nogil=True)
+def _paint(label: Any, lines: Any) -> Any:
+    """Return a box of labels, 0 where no voxel is, each line's place in it, and steps in it."""
+    low = (lines[0, X], lines[0, Y], lines[0, Z])
+    high = low
+    for n in range(len(lines)):
+        x, y, z = lines[n, X], lines[n, Y], lines[n, Z]
+        low = (min(low[0], x), min(low[1], y), min(low[2], z))
+        high = (max(high[0], x), max(high[1], y), max(high[2], z + lines[n, LENGTH] - 1))
+    deep = high[2] - low[2] + 3  # an empty layer on each side
+    wide = (high[1] - low[1] + 3) * deep
+    box = np.zeros((high[0] - low[0] + 3) * wide, np.uint8)
+    place = np.empty(len(lines), np.int32)
+    for n in range(len(lines)):
+        x, y, z = lines[n, X] - low[0], lines[n, Y] - low[1], lines[n, Z] - low[2]
+        place[n] = (x + 1) * wide + (y + 1) * deep + z + 1
+        for k in range(lines[n, LENGTH]):
+            box[place[n] + k] = label[lines[n, FIRST] + k]
+    return box, place, np.array([-1, 1, -deep, deep, -wide, wide])
+
+
+@njit(cache=True, nogil=True)
+def _read(box: Any, place: Any, lines: Any, label: Any) -> None:
+    """Write the labels of a box."""
+    for line in range(len(lines)):
+        for k in range(lines[line, LENGTH]):
+            label[lines[line, FIRST] + k] = box[place[line] + k]
+
+
+@njit(cache=True, nogil=True)
+def _mark_enclosed(box: Any, step: Any, own: Any, stretch: Any, marks: Any) -> None:
+    """Mark the voxels of the stretches of a label that are beside no other label."""
+    deep, wide, own = step[3], step[5], np.uint8(own)
+    for s in range(len(stretch)):
+        if stretch[s, 3] != own:
+            continue
+        begin = stretch[s, 0]
+        for n in range(begin, begin + stretch[s, 2] - stretch[s, 1]):
+            between = (box[n - 1] == own) | (box[n - 1] == 0)
+            between &= (box[n + 1] == own) | (box[n + 1] == 0)
+            between &= (box[n - deep] == own) | (box[n - deep] == 0)
+            between &= (box[n + deep] == own) | (box[n + deep] == 0)
+            between &= (box[n - wide] == own) | (box[n - wide] == 0)
+            between &= (box[n + wide] == own) | (box[n + wide] == 0)
+            marks[n] |= _ENCLOSED * between
 
 
 @njit(cache=True, nogil=True)
@@ -376,31 +279,62 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_ring(label: Any, neighbors: Any, own: Any, members: Any, ring: Any, marks: Any) -> Any:
-    """Write the labeled voxels next to a label; return how many members and voxels there are.
+def _find_ring(box: Any, step: Any, own: Any, stretch: Any, ring: Any, marks: Any) -> Any:
+    """Write the labeled voxels next to what is left of a label's stretches; return how many."""
+    size = 0
+    for s in range(len(stretch)):
+        if stretch[s, 3] != own:
+            continue
+        begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 2] - stretch[s, 1]
+        is_open = np.uint8(0)
+        for n in range(begin, end):
+            is_open |= (marks[n] & (_ENCLOSED | _LEFT)) == 0
+        if is_open:
+            for n in range(begin, end):
+                if marks[n] & (_ENCLOSED | _LEFT) == 0:
+                    size = _add_beside(box, step, n, ring, size, marks)
+    return size
 
-    `marks` are what is in the ring, none before and after, and what is known to be enclosed by
-    its own label.
-    """
-    member, end = members
-    in_ring, enclosed = marks
-    kept = size = 0
+
+@njit(cache=True, nogil=True)
+def _add_gained(box: Any, step: Any, own: Any, gained: Any, ring: Any, marks: Any) -> Any:
+    """Write the labeled voxels next to what a label gained and has; return how much each is."""
+    member, end = gained
+    voxels, size = ring
+    kept = 0
     for m in range(end):
         voxel = member[m]
-        if label[voxel] == own:  # was not taken since
+        if box[voxel] == own:  # was not taken since
             member[kept] = voxel
             kept += 1
-            if enclosed[voxel]:
-                continue
-            enclosed[voxel] = True
-            for k in range(6):
-                other = neighbors[voxel, k]
-                if other >= 0 and label[other] and label[other] != own:
-                    enclosed[voxel] = False
-                    if not in_ring[other]:
-                        in_ring[other] = True
-                        ring[size] = other
-                        size += 1
-    for n in range(size):
-        in_ring[ring[n]] = False
+            if not marks[voxel] & _ENCLOSED:
+                size = _add_beside(box, step, voxel, voxels, size, marks)
     return kept, size
+
+
+@njit(cache=True, nogil=True)
+def _add_beside(box: Any, step: Any, voxel: Any, ring: Any, size: Any, marks: Any) -> Any:
+    """Write the neighbors of a voxel with other labels into the ring; return its size."""
+    own = box[voxel]
+    marks[voxel] |= _ENCLOSED
+    for k in range(6):
+        other = voxel + step[k]
+        if box[other] and box[other] != own:
+            marks[voxel] &= _IN_RING | _LEFT
+            if not marks[other] & _IN_RING:
+                marks[other] |= _IN_RING
+                ring[size] = other
+                size += 1
+    return size
+
+
+@njit(cache=True, nogil=True)
+def _take(box: Any, step: Any, own: Any, taken: Any, count: Any, marks: Any) -> None:
+    """Give voxels to a label; whether those beside them are enclosed is no more known."""
+    for voxel in taken:
+        count[box[voxel]] -= 1
+        box[voxel] = own
+        marks[voxel] |= _LEFT
+        for k in range(6):
+            marks[voxel + step[k]] &= _IN_RING | _LEFT
+    count[own] += len(taken)

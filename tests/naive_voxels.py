@@ -165,3 +165,10 @@ def color(occupied, grid, images, silhouettes, cameras, lift):
             far = ((index[chosen < 255] - index[n]) ** 2).sum(axis=1)
             color[n] = color[chosen < 255][np.argmin(far)]
     return index, color, chosen
+
+
+def face_neighbors(index):
+    """Return the places in a list of voxels of each one's neighbors; -1 where there is none."""
+    steps = [(0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)]
+    place = {tuple(voxel): n for n, voxel in enumerate(index.tolist())}
+    return [[place.get((x + i, y + j, z + k), -1) for i, j, k in steps] for x, y, z in index]

@@ -6,6 +6,7 @@ from tasks.final_labeling import label_carried, make_body_fields
 from tasks.geometry.bone_fields import carry_back, make_fields, nearest_bones
 from tasks.geometry.initial_shape_labels import complete_joints, is_limb, label_points
 from tasks.geometry.label_regions import clean_labels
+from tasks.geometry.voxel_lines import lines_of_index
 
 BONES, MOST = 4, 3
 VOXEL = 0.02
@@ -72,7 +73,7 @@ def test_nearest_bones_agree_with_looking_every_voxel_up(rng, density):
     shift = np.array([43, 5, 105]) - turn @ [43, 5, 105] + rng.normal(size=(BONES, 3))
     index = block((37, 0, 94), (49, 9, 115))
     index = index[rng.random(len(index)) < density]
-    found = nearest_bones(index, fields, turn, shift)
+    found = nearest_bones(lines_of_index(index), fields, turn, shift)
     assert found.tolist() == naive_nearest(index, first, bone, turn, shift)
     assert set(found.tolist()) == {-1, 0, 1, 3}
 
@@ -80,7 +81,7 @@ def test_nearest_bones_agree_with_looking_every_voxel_up(rng, density):
 def test_a_body_at_rest_has_the_bones_that_it_began_with(rng):
     index = block((3, 4, 5), (9, 15, 27))
     bone = np.digitize(index[:, 2], [12, 19])
-    found = nearest_bones(index, make_fields(index, bone, BONES, MOST), *still())
+    found = nearest_bones(lines_of_index(index), make_fields(index, bone, BONES, MOST), *still())
     np.testing.assert_array_equal(found, bone)
 
 
@@ -88,8 +89,8 @@ def test_what_is_far_from_all_bones_is_none_s_and_nothing_has_no_bones():
     index = block((0, 0, 0), (4, 5, 6))
     fields = make_fields(index, np.zeros(len(index), int), BONES, MOST)
     beside = np.array([[6, 2, 3], [7, 2, 3], [90, 2, 3]])
-    assert nearest_bones(beside, fields, *still()).tolist() == [0, -1, -1]
-    assert nearest_bones(beside[:0], fields, *still()).shape == (0,)
+    assert nearest_bones(lines_of_index(beside), fields, *still()).tolist() == [0, -1, -1]
+    assert nearest_bones(lines_of_index(beside[:0]), fields, *still()).shape == (0,)
 
 
 def test_a_bent_joint_is_parted_half_way():
@@ -100,9 +101,9 @@ def test_a_bent_joint_is_parted_half_way():
     bend = Rotation.from_rotvec([[0, 0, 0], [0, np.pi / 2, 0]]).as_matrix()  # on along x
     turn, shift = carry_back(joint, bend, joint, np.zeros(3), 1.0)
     beyond = block((9, 0, 17), (20, 7, 23))
-    assert (nearest_bones(beyond, fields, turn, shift) == 1).all()
+    assert (nearest_bones(lines_of_index(beyond), fields, turn, shift) == 1).all()
     elbow = block((0, 3, 16), (7, 4, 23))
-    found = nearest_bones(elbow, fields, turn, shift)
+    found = nearest_bones(lines_of_index(elbow), fields, turn, shift)
     away = (elbow[:, 0] - 3.0) + (elbow[:, 2] - 19.5)  # the plane that halves the bend
     clear = np.abs(away) > 1.5
     np.testing.assert_array_equal(found[clear], away[clear] > 0)
@@ -146,10 +147,10 @@ def test_at_rest_the_labels_are_the_initial_ones_and_a_sleeve_is_its_arm_s():
     joints, index, center, is_sleeve = standing()
     label = label_points(center, complete_joints(joints))
     fields = make_body_fields(index, center, label, joints, VOXEL)
-    found = label_carried(index, fields, *still(15))
+    found = label_carried(lines_of_index(index), fields, *still(15))
     assert set(found.tolist()) == set(range(1, 12))
     is_body = is_limb(center, complete_joints(joints), label)
-    same = found[is_body] == clean_labels(label, index)[is_body]
+    same = found[is_body] == clean_labels(label, lines_of_index(index))[is_body]
     assert same.mean() > 0.999  # but on a line or two between equal ends
     low = is_sleeve & (center[:, 1] < 1.2)
     right = center[low, 0] < 0
@@ -163,7 +164,7 @@ def test_far_from_the_body_there_are_no_labels():
     label = label_points(center, complete_joints(joints))
     fields = make_body_fields(index, center, label, joints, VOXEL)
     turn, shift = still(15)
-    assert not label_carried(index[:9], fields, turn, shift + 500).any()
+    assert not label_carried(lines_of_index(index[:9]), fields, turn, shift + 500).any()
 
 
 def test_the_trunk_is_parted_where_anatomy_parts_it():
@@ -198,7 +199,9 @@ def test_where_cubes_begin_changes_next_to_nothing(rng):
     bone = np.digitize(first[:, 2], [8, 17, 23])
     fields = make_fields(first, bone, BONES, MOST)
     shift = np.cumsum(rng.normal(size=(BONES, 3)), axis=0)
-    here = nearest_bones(first, fields, still()[0], shift)
-    moved = nearest_bones(np.add(first, [0, 0, 5]), fields, still()[0], shift - [0, 0, 5])
+    here = nearest_bones(lines_of_index(first), fields, still()[0], shift)
+    moved = nearest_bones(
+        lines_of_index(np.add(first, [0, 0, 5])), fields, still()[0], shift - [0, 0, 5]
+    )
     assert (here == moved).mean() > 0.99
     assert set(here.tolist()) >= {0, 1, 2}

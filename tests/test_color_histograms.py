@@ -19,6 +19,20 @@ def rng():
     return np.random.default_rng(3)
 
 
+def test_cells_are_those_of_the_formula_in_single_precision(rng):
+    color = rng.integers(0, 256, (4000, 3)).astype(np.uint8)
+    color[:9] = np.outer(np.arange(9), [1, 1, 2])
+    r, g, b = color.astype(np.float32).T
+    total = np.maximum(r + g + b, 24.0)
+    red, blue = (r - g) / total / 0.02, (r + g - 2.0 * b) / (2.0 * total) / 0.02
+    light = (0.3 * r + 0.59 * g + 0.11 * b) / 32
+    i, j, k = (np.floor(np.add(v, zero, dtype=np.float64)).astype(int)
+               for v, zero in ((red, 50), (blue, 50), (light, 0)))  # fmt: skip
+    cell = (np.clip(i, 0, 99) * 150 + np.clip(j, 0, 149)) * 8 + np.clip(k, 0, 7)
+    np.testing.assert_array_equal(color_cells(color), cell)
+    assert len(np.unique(cell)) > 2000
+
+
 def test_light_changes_chromaticity_little(rng):
     dim = color_cells(np.array([(100, 50, 50)], np.uint8))
     bright = color_cells(np.array([(102, 51, 51)], np.uint8))

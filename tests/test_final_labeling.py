@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from tasks import final_labeling
-from tasks.geometry import label_regions
-
-STEPS = [(0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)]
+from tasks.geometry import label_regions, nearest_voxels
+from tasks.geometry.voxel_lines import VoxelLines, lines_of_index
+from tests.naive_voxels import face_neighbors
 
 
 @pytest.fixture
@@ -17,11 +17,6 @@ def noise(rng, labels, *, shape=(7, 9, 6), density=0.6):
     index = np.argwhere(rng.random(shape) < density).astype(np.int32)
     label = (index[:, 0] // 3 + index[:, 1] // 4 + rng.integers(0, 2, len(index))) % labels
     return np.add(index, [40, 2, 700]), label.astype(np.uint8)
-
-
-def naive_neighbors(index):
-    place = {tuple(voxel): n for n, voxel in enumerate(index.tolist())}
-    return [[place.get((x + i, y + j, z + k), -1) for i, j, k in STEPS] for x, y, z in index]
 
 
 def naive_regions(label, neighbors):
@@ -57,20 +52,11 @@ def naive_clean(label, index, neighbors):
             clean[n] = value
 
 
-@pytest.mark.parametrize("density", [0.1, 0.6, 1.0], ids=["crumbs", "noise", "block"])
-def test_neighbors_are_those_of_a_plain_search(rng, density):
-    index, _ = noise(rng, 3, density=density)
-    found = label_regions.voxel_neighbors(index)
-    np.testing.assert_array_equal(found, naive_neighbors(index))
-    assert (found >= 0).any()
-
-
 def test_regions_are_those_of_a_plain_merging(rng):
     index, label = noise(rng, 3)
-    neighbors = label_regions.voxel_neighbors(index)
-    region, size = label_regions.label_regions(label, neighbors)
+    region, size = label_regions.label_regions(label, lines_of_index(index))
     found = {frozenset(np.flatnonzero(region == k).tolist()) for k in range(len(size))}
-    assert found == naive_regions(label, neighbors.tolist())
+    assert found == naive_regions(label, face_neighbors(index))
     np.testing.assert_array_equal(size, np.bincount(region[region >= 0]))
     assert len(found) > 10
 
@@ -81,7 +67,7 @@ def test_regions_are_those_of_connected_components_3d(rng):
     box = np.zeros(index.max(axis=0) + 1, np.uint8)
     box[tuple(index.T)] = label
     wanted = cc3d.connected_components(box, connectivity=6)[tuple(index.T)]
-    region, _ = label_regions.label_regions(label, label_regions.voxel_neighbors(index))
+    region, _ = label_regions.label_regions(label, lines_of_index(index))
     pairs = set(zip(region.tolist(), wanted.tolist(), strict=True))
     assert len(pairs) == len(set(region.tolist())) == len(set(wanted.tolist()))
 
@@ -89,60 +75,77 @@ def test_regions_are_those_of_connected_components_3d(rng):
 @pytest.mark.parametrize("seed", range(4))
 def test_cleaning_agrees_with_its_naive_twin_and_leaves_one_region_a_label(seed):
     index, label = noise(np.random.default_rng(seed), 4)
-    neighbors = label_regions.voxel_neighbors(index)
-    clean = final_labeling.clean_labels(label, index)
-    wanted = np.array(naive_clean(label, index, neighbors.tolist()))
+    lines = lines_of_index(index)
+    clean = final_labeling.clean_labels(label, lines)
+    wanted = np.array(naive_clean(label, index, face_neighbors(index)))
     connected = wanted > 0
     np.testing.assert_array_equal(clean[connected], wanted[connected])
     assert (clean > 0).all()
-    _, size = label_regions.label_regions(np.where(connected, clean, 0), neighbors)
+    _, size = label_regions.label_regions(np.where(connected, clean, 0), lines)
     assert len(size) == 3
     assert (label != clean).any()
 
 
 def test_of_equally_large_regions_the_first_stays():
-    line = np.array([[0, 0, n] for n in range(9)])
+    line = lines_of_index(np.array([[0, 0, n] for n in range(9)]))
     label = np.array([4, 4, 6, 6, 6, 4, 4, 6, 6])
-    assert final_labeling.clean_labels(label, line).tolist() == [4, 4, 6, 6, 6, 6, 6, 6, 6]
+    assert final_labeling.clean_labels(label, line).tolist() == [
+        4,
+        4,
+        6,
+        6,
+        6,
+        6,
+        6,
+        6,
+        6,
+    ]
 
 
 def test_a_piece_apart_takes_the_nearest_label(rng):
     body = np.stack(np.meshgrid(range(8), range(5), range(3), indexing="ij"), -1).reshape(-1, 3)
     apart = np.array([[11, 2, 1], [11, 2, 2]])
     label = np.concatenate([np.where(body[:, 0] < 4, 2, 9), [2, 2]])
-    clean = final_labeling.clean_labels(label, np.concatenate([body, apart]))
+    clean = final_labeling.clean_labels(label, lines_of_index(np.concatenate([body, apart])))
     assert clean[-2:].tolist() == [9, 9]
     np.testing.assert_array_equal(clean[:-2], label[:-2])
 
 
-@pytest.mark.parametrize("sought", [3, 300], ids=["along the list", "by a tree"])
-def test_the_nearest_at_a_rim_is_the_nearest_of_all_that_count(rng, sought):
-    index, label = noise(rng, 3, density=0.9)
-    outside = np.add(rng.integers(-4, 12, (sought, 3)), [25, 3, 700])
-    counts = label > 0
-    found = label_regions.nearest_at_rim(
-        outside, index, label_regions.voxel_neighbors(index), counts
-    )
-    away = np.linalg.norm(outside[:, None] - index[counts], axis=2)
-    np.testing.assert_allclose(np.linalg.norm(outside - index[found], axis=1), away.min(axis=1))
-    assert counts[found].all()
-    assert len(set(found.tolist())) > 1
+@pytest.mark.parametrize("density", [0.01, 0.3, 0.9])
+@pytest.mark.parametrize("far", [0, 40], ids=["among them", "beyond the columns in order"])
+def test_what_is_lost_takes_the_label_of_the_first_of_the_nearest_voxels(rng, density, far):
+    index, _ = noise(rng, 3, shape=(13, 11, 17), density=density)
+    index[index[:, 0] > 46, 0] += far
+    lines = lines_of_index(index)
+    lost = np.repeat(rng.random(len(lines.table)) < 0.5, lines.table[:, 3])
+    lost[0], lost[-1] = index[0, 0] == index[-1, 0], index[0, 0] != index[-1, 0]
+    lost = np.repeat(lost[lines.table[:, 4]], lines.table[:, 3])
+    label = np.where(lost, 0, rng.integers(1, 12, len(index))).astype(np.uint8)
+    wanted = label.copy()
+    for n in np.flatnonzero(lost):
+        away = ((index[n] - index[~lost]) ** 2).sum(axis=1)
+        wanted[n] = label[~lost][away.argmin()]
+    nearest_voxels.fill_from_nearest(label, lines)
+    np.testing.assert_array_equal(label, wanted)
+    assert len(set(wanted[lost].tolist())) > 1
 
 
 def test_cleaning_changes_nothing_that_is_clean_and_not_its_argument(rng):
     index, label = noise(rng, 4)
     kept = label.copy()
-    once = final_labeling.clean_labels(label, index)
+    lines = lines_of_index(index)
+    once = final_labeling.clean_labels(label, lines)
     np.testing.assert_array_equal(label, kept)
-    neighbors = label_regions.voxel_neighbors(index)
-    main, size = label_regions.label_regions(np.ones(len(index), np.uint8), neighbors)
+    main, size = label_regions.label_regions(np.ones(len(index), np.uint8), lines)
     whole = main == size.argmax()
-    again = final_labeling.clean_labels(once[whole], index[whole])
+    again = final_labeling.clean_labels(once[whole], lines_of_index(index[whole]))
     np.testing.assert_array_equal(again, once[whole])
 
 
 def test_an_empty_frame_has_no_labels():
-    assert final_labeling.clean_labels(np.zeros(0, np.uint8), np.zeros((0, 3), int)).shape == (0,)
+    nothing = VoxelLines(np.zeros((0, 5), np.int32))
+    assert final_labeling.clean_labels(np.zeros(0, np.uint8), nothing).shape == (0,)
+    assert lines_of_index(np.zeros((0, 3), int)).voxels == 0
 
 
 def spread_of(rng, count):
@@ -180,19 +183,21 @@ def test_a_frame_is_labeled_and_cleaned(rng):
     mean, inverse = spread_of(rng, 4)
     center = index * 0.3 - [13.0, 1.5, 211.0]
     label = final_labeling.nearest_segments(center, mean, inverse)
-    found = final_labeling.label_frame(center, index, mean, inverse)
-    np.testing.assert_array_equal(found, final_labeling.clean_labels(label, index))
+    lines = lines_of_index(index)
+    found = final_labeling.label_frame(center, lines, mean, inverse)
+    np.testing.assert_array_equal(found, final_labeling.clean_labels(label, lines))
 
 
 def test_what_does_not_fit_is_refused(rng):
     index, label = noise(rng, 3)
     mean, inverse = spread_of(rng, 4)
-    with pytest.raises(ValueError, match="do not fit; pass a label and three"):
-        final_labeling.clean_labels(label[1:], index)
+    lines = lines_of_index(index)
+    with pytest.raises(ValueError, match="do not fit; pass a label for each"):
+        final_labeling.clean_labels(label[1:], lines)
     with pytest.raises(ValueError, match="labels from 0 to 300 are no labels"):
-        final_labeling.clean_labels(np.where(label == 1, 300, 0), index)
+        final_labeling.clean_labels(np.where(label == 1, 300, 0), lines)
     with pytest.raises(ValueError, match="not in order"):
-        final_labeling.clean_labels(label, index[::-1])
+        lines_of_index(index[::-1])
     with pytest.raises(ValueError, match=r"segments of shape \(3,\) do not fit"):
         final_labeling.nearest_segments(index, mean, inverse, segment=np.arange(3))
     with pytest.raises(ValueError, match="label nothing; fit first"):

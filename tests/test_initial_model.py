@@ -325,6 +325,19 @@ def test_lost_hands_are_put_in_and_said(stretched):
         assert np.linalg.norm(off[JOINTS.index(f"{side}Fin")]) < 0.2
 
 
+def test_an_arm_that_is_cut_short_does_not_move_the_trunk(stretched):
+    figure = figure_of(stretched, "fitting")
+    at = dict(zip(JOINTS, stretched, strict=True))
+    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
+    outward = at["LFin"] - at["LShoulder"]
+    figure.occupied[(center - at["LWrist"]) @ outward > 0] = False
+    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+    off = np.linalg.norm(found.position - stretched, axis=1) * 1000
+    error = {name: off[JOINTS.index(name)] for name in ("Neck", "RShoulder", "LShoulder")}
+    assert max(error.values()) < 45, error
+    assert found.position[JOINTS.index("LFin")] @ outward < at["LWrist"] @ outward
+
+
 def test_joints_alone_label_as_the_search_does(figure, found):
     runs = runs_of(figure.occupied)
     label = label_from_joints(runs, GRID, 0, found.position)

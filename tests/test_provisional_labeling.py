@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from tasks import provisional_labeling as provisional
-from tasks.geometry.label_regions import voxel_neighbors
+from tasks.geometry.voxel_lines import lines_of_index
+from tests.naive_voxels import face_neighbors
 
 SETTINGS = provisional.ProvisionalSettings()
 
@@ -34,7 +32,7 @@ def test_labels_are_those_of_the_nearest_voxel_before(rng):
     now, before = (np.argwhere(rng.random((6, 8, 11)) < share) for share in (0.5, 0.05))
     now = np.concatenate([now, [[9, 3, 2]]])
     label = rng.integers(1, 12, len(before)).astype(np.uint8)
-    found = provisional.label_from_previous(now, before, label)
+    found = provisional.label_from_previous(lines_of_index(now), lines_of_index(before), label)
     assert found.tolist() == naive_previous(now, before, label)
     assert len(set(found.tolist())) > 5
 
@@ -42,16 +40,16 @@ def test_labels_are_those_of_the_nearest_voxel_before(rng):
 def test_a_voxel_far_from_all_of_before_still_takes_the_nearest(rng):
     before = block(4, 5, 3)
     label = np.where(before[:, 0] < 2, 3, 8).astype(np.uint8)
-    found = provisional.label_from_previous(
-        np.array([[-30, 1, 1], [2, 2, 1], [40, 2, 2]]), before, label
-    )
+    now = lines_of_index(np.array([[-30, 1, 1], [2, 2, 1], [40, 2, 2]]))
+    found = provisional.label_from_previous(now, lines_of_index(before), label)
     assert found.tolist() == [3, 8, 8]
 
 
-def test_beyond_the_dense_box_the_nearest_is_still_taken():
-    before = np.array([[8, 8, 0], [11, 0, 0]])  # 11.3 and 11 away
-    found = provisional.label_from_previous(np.array([[0, 0, 0]]), before, np.array([3, 8]))
-    assert found.tolist() == [8]
+@pytest.mark.parametrize("scale", [1, 3], ids=["near", "beyond the columns in order"])
+def test_a_nearer_voxel_in_a_farther_row_is_taken(scale):
+    before = lines_of_index(scale * np.array([[8, 8, 0], [11, 0, 0]]))  # 11.3 and 11 away
+    now = lines_of_index(np.array([[0, 0, 0]]))
+    assert provisional.label_from_previous(now, before, np.array([3, 8])).tolist() == [8]
 
 
 def naive_volumes(label, neighbors, share, tolerance, rings):
@@ -85,24 +83,20 @@ def test_volumes_are_restored_as_by_the_naive_twin(seed):
     label[rng.random(len(label)) < 0.05] = 0
     share = np.zeros(11)
     share[np.unique(label[label > 0]) - 1] = rng.dirichlet(np.full(len(np.unique(label)) - 1, 2.0))
-    neighbors = voxel_neighbors(index)
     settings = provisional.ProvisionalSettings(most_rings=60)
-    grown = provisional.restore_volumes(label, neighbors, share, settings)
-    assert grown.tolist() == naive_volumes(label, neighbors.tolist(), share, 0.03, 60)
+    grown = provisional.restore_volumes(label, lines_of_index(index), share, settings)
+    assert grown.tolist() == naive_volumes(label, face_neighbors(index), share, 0.03, 60)
     assert (grown != label).sum() > 20
     assert (grown[label == 0] == 0).all()
 
 
 def test_a_frame_before_without_voxels_is_refused():
+    some, none = lines_of_index(block(1, 2, 3)), lines_of_index(np.zeros((0, 3), np.int32))
     with pytest.raises(ValueError, match="0 voxels with 0 labels say nothing"):
-        provisional.label_from_previous(
-            block(1, 2, 3), np.zeros((0, 3), np.int32), np.zeros(0, int)
-        )
+        provisional.label_from_previous(some, none, np.zeros(0, int))
     with pytest.raises(ValueError, match="6 voxels with 5 labels say nothing"):
-        provisional.label_from_previous(block(1, 2, 3), block(1, 2, 3), np.ones(5, int))
-    empty = provisional.label_from_previous(
-        np.zeros((0, 3), np.int32), block(1, 2, 3), np.ones(6, int)
-    )
+        provisional.label_from_previous(some, some, np.ones(5, int))
+    empty = provisional.label_from_previous(none, some, np.ones(6, int))
     assert empty.shape == (0,)
 
 
@@ -114,7 +108,7 @@ def test_a_shrunken_segment_grows_to_its_share_at_its_border_only():
     index = block(30, 5, 4)
     label = np.where(index[:, 0] < 24, 4, 5).astype(np.uint8)
     share = shares(np.where(index[:, 0] < 15, 4, 5))
-    grown = provisional.restore_volumes(label, voxel_neighbors(index), share, SETTINGS)
+    grown = provisional.restore_volumes(label, lines_of_index(index), share, SETTINGS)
     assert shares(grown)[4] >= 0.97 * share[4]
     assert shares(grown)[4] <= share[4] + 1 / len(index)
     assert (grown[index[:, 0] >= 24] == 5).all()
@@ -129,7 +123,7 @@ def test_each_ring_goes_to_the_segment_that_shrank_most():
     grown = label
     for rings in range(1, 13):
         settings = provisional.ProvisionalSettings(most_rings=rings)
-        grown = provisional.restore_volumes(label, voxel_neighbors(index), share, settings)
+        grown = provisional.restore_volumes(label, lines_of_index(index), share, settings)
         low = shares(grown)[[0, 2]] / share[[0, 2]]
         assert abs(low[0] - low[1]) <= 0.1 + 1e-9  # a ring of one tenth, in turn
     np.testing.assert_array_equal(grown, truth)
@@ -138,7 +132,7 @@ def test_each_ring_goes_to_the_segment_that_shrank_most():
 def test_nothing_grows_where_all_segments_have_their_share(rng):
     index = block(6, 5, 4)
     label = (index[:, 1] + 1).astype(np.uint8)
-    grown = provisional.restore_volumes(label, voxel_neighbors(index), shares(label), SETTINGS)
+    grown = provisional.restore_volumes(label, lines_of_index(index), shares(label), SETTINGS)
     np.testing.assert_array_equal(grown, label)
 
 
@@ -146,65 +140,8 @@ def test_a_share_that_cannot_be_reached_ends():
     index = block(6, 5, 4)
     label = np.ones(len(index), np.uint8)
     share = np.array([0.5, 0.5, *[0] * 9])
-    grown = provisional.restore_volumes(label, voxel_neighbors(index), share, SETTINGS)
+    grown = provisional.restore_volumes(label, lines_of_index(index), share, SETTINGS)
     np.testing.assert_array_equal(grown, label)
-
-
-def skin_scene():
-    """Return a surface of three skin patches in a row, 20 voxels apart, on a band of clothes."""
-    index = block(60, 4, 1)
-    is_skin = index[:, 0] % 20 < 5
-    return index, index * 0.01, is_skin
-
-
-def track(scene, place, *, reach_m=0.08, least_voxels=12):
-    index, center, is_skin = scene
-    return provisional.track_skin(
-        index, center, is_skin, np.array(place), reach_m=reach_m, least_voxels=least_voxels
-    )
-
-
-def test_face_and_hands_keep_the_nearest_region_of_skin():
-    index, center, is_skin = skin_scene()
-    found = track((index, center, is_skin), [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]])
-    wanted = np.where(is_skin, np.array([1, 7, 5])[index[:, 0] // 20], 0)
-    np.testing.assert_array_equal(found.label, wanted)
-    assert found.found.all()
-    np.testing.assert_allclose(found.place[:, 0], [0.02, 0.42, 0.22])
-
-
-def test_a_hand_out_of_reach_or_too_small_keeps_its_place():
-    scene = skin_scene()
-    far = track(scene, [[0.0, 0, 0], [0.35, 0, 0], [0.2, 0, 0]], reach_m=0.04)
-    assert far.found.tolist() == [True, False, True]
-    np.testing.assert_array_equal(far.place[1], [0.35, 0, 0])
-    wanted = np.where(scene[2], np.array([1, 0, 7])[[0, 2, 1]][scene[0][:, 0] // 20], 0)
-    np.testing.assert_array_equal(far.label, wanted)
-    few = track(scene, [[0.0, 0, 0]] * 3, least_voxels=21)
-    assert not few.found.any()
-    none = track((*scene[:2], np.zeros(240, bool)), [[0.0, 0, 0]] * 3)
-    assert not none.label.any()
-    assert not none.found.any()
-
-
-@pytest.mark.parametrize("density", [0.01, 0.05, 0.3])
-def test_regions_of_skin_are_those_of_all_pairs_within_two_voxels(rng, density):
-    index = np.add(np.argwhere(rng.random((19, 23, 17)) < density), [30, 2, 600]).astype(np.int32)
-    region, size = provisional._skin_regions(index)
-    pairs = KDTree(index).query_pairs(2.0, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(index),) * 2)
-    count, wanted = connected_components(graph, directed=False)
-    assert len(set(zip(region.tolist(), wanted.tolist(), strict=True))) == count == len(size)
-    np.testing.assert_array_equal(size, np.bincount(region))
-    assert count > 1 or density > 0.1
-
-
-def test_hands_that_touch_share_their_region():
-    index, center, is_skin = skin_scene()
-    found = track((index, center, is_skin), [[0.0, 0, 0], [0.195, 0, 0], [0.245, 0, 0]])
-    middle = index[:, 0] // 20 == 1
-    wanted = np.where(is_skin & middle, np.where(index[:, 0] <= 22, 5, 7), 0)
-    np.testing.assert_array_equal(np.where(middle, found.label, 0), wanted)
 
 
 def test_a_frame_goes_through_all_four_steps(rng):
@@ -212,10 +149,11 @@ def test_a_frame_goes_through_all_four_steps(rng):
     label = np.where(before[:, 0] < 15, 4, 5).astype(np.uint8)
     index = np.add(before, [2, 0, 0])
     skin = np.where(index[:, 0] > 29, 5, 0)
+    lines, previous = lines_of_index(index), lines_of_index(before)
     found = provisional.label_provisionally(
-        index, before, label, shares(label), SETTINGS, skin_label=skin
+        lines, previous, label, shares(label), SETTINGS, skin_label=skin
     )
-    nearest = provisional.label_from_previous(index, before, label)
+    nearest = provisional.label_from_previous(lines, previous, label)
     assert (nearest == 4).sum() == 13 * 20
     assert (found[skin > 0] == 5).all()
     assert shares(found)[3] >= 0.97 * shares(label)[3]

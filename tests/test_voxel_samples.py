@@ -62,3 +62,20 @@ def test_what_is_not_known_and_what_is_not_the_bodys_says_nothing(take):
     left, right = BONES.index("LHand"), BONES.index("RHand")
     np.testing.assert_array_equal(looks[:, left], looks[:, right])
     assert looks[:, :-1].std() > 0
+
+
+def test_a_sample_goes_along_the_z_order_curve(take):
+    occupied, _ = take
+    index, _ = draw_samples(encode_runs(occupied), None, 1000)[0]
+
+    def interleaved(voxel):
+        bits = "".join(
+            f"{z:010b}"[n] + f"{y:010b}"[n] + f"{x:010b}"[n]
+            for n in range(10)
+            for x, y, z in [voxel]
+        )
+        return int(bits, 2)
+
+    far = [interleaved(voxel) for voxel in index.tolist()]
+    assert far == sorted(far)
+    assert len(set(far)) == int(occupied[0].sum())

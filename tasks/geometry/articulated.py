@@ -65,7 +65,7 @@ def rest_pose(origin: Floats) -> Pose:
 def place_bones(pose: Pose, origin: Floats) -> Floats:
     """Return (bone, 3) the proximal joint of every bone; `origin` is that of the initial pose."""
     joints = np.empty((len(BONES), 3))
-    _place(pose.root, pose.rotation, origin, joints)
+    place_joints(pose.root, pose.rotation, origin, joints)
     return joints
 
 
@@ -107,6 +107,38 @@ def blend(poses: Sequence[Pose], weights: Floats, near: Pose) -> Pose:
     rotation = near.rotation.copy()
     _average(np.stack([pose.rotation for pose in poses]), share, rotation)
     return Pose(root, rotation)
+
+
+@njit(cache=True, nogil=True)
+def _times(a: Any, b: Any) -> Any:
+    """Return a b: for three by three, a call of the library costs more than the product."""
+    out = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _over(a: Any, b: Any) -> Any:
+    """Return a b' of three by three."""
+    out = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[i, j] += a[i, k] * b[j, k]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _on(a: Any, v: Any) -> Any:
+    """Return a v of three by three and three."""
+    out = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            out[i] += a[i, j] * v[j]
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -155,7 +187,7 @@ def _vector(rotation: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _place(root: Any, rotation: Any, origin: Any, joints: Any) -> None:
+def place_joints(root: Any, rotation: Any, origin: Any, joints: Any) -> None:
     """Write the proximal joint of each bone (forward kinematics)."""
     for k in ORDER:
         p = PARENT[k]
@@ -174,7 +206,7 @@ def _local(rotation: Any, k: int) -> Any:
     """Return a bone's rotation relative to its parent's."""
     if PARENT[k] < 0:
         return rotation[k].copy()
-    return rotation[PARENT[k]].T.copy() @ rotation[k]
+    return _times(rotation[PARENT[k]].T, rotation[k])
 
 
 @njit(cache=True, nogil=True)
@@ -182,10 +214,10 @@ def _extrapolate(before: Any, now: Any, share: Any, out: Any) -> None:
     """Write the rotations after `now`, each bone's motion in its parent's frame going on."""
     for k in ORDER:
         here = _local(now, k)
-        turned = _vector(here @ _local(before, k).T.copy())
+        turned = _vector(_over(here, _local(before, k)))
         go = share[1] if PARENT[k] < 0 else share[0]
-        ahead = _rotation(go * turned) @ here
-        out[k] = ahead if PARENT[k] < 0 else out[PARENT[k]].copy() @ ahead
+        ahead = _times(_rotation(go * turned), here)
+        out[k] = ahead if PARENT[k] < 0 else _times(out[PARENT[k]], ahead)
 
 
 @njit(cache=True, nogil=True)
@@ -194,8 +226,8 @@ def _average(rotations: Any, share: Any, out: Any) -> None:
     for k in range(out.shape[0]):
         step = np.zeros(3)
         for p in range(rotations.shape[0]):
-            step += share[p] * _vector(rotations[p, k].copy() @ out[k].T.copy())
-        out[k] = _rotation(step) @ out[k].copy()
+            step += share[p] * _vector(_over(rotations[p, k], out[k]))
+        out[k] = _times(_rotation(step), out[k])
 
 
 @njit(cache=True, nogil=True)
@@ -208,7 +240,7 @@ def _add_point(
     move by. The unknowns are the root's translation, then a twist of each bone about its joint,
     in world axes, that all bones below share.
     """
-    force = weight @ residual
+    force = _on(weight, residual)
     for a in range(3):
         right[a] += force[a]
         for b in range(3):
@@ -252,12 +284,12 @@ def _add_turn(k: int, turn: Any, weight: float, normal: Any, right: Any) -> None
 def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: Any) -> None:
     """Add a limit (weight, direction of the bone, axis, most): most >= axis . turned bone."""
     excess = -limit[7]
-    along = turned @ limit[1:4]
+    along = _on(turned, limit[1:4])
     for a in range(3):
         excess += along[a] * limit[4 + a]
     if excess <= 0:
         return
-    slope = frame @ np.cross(along, limit[4:7])
+    slope = _on(frame, np.cross(along, limit[4:7]))
     for a in range(3):
         right[3 + 3 * k + a] -= limit[0] * excess * slope[a]
         for b in range(3):
@@ -274,13 +306,13 @@ def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: A
     """
     for k in ORDER:
         here = _local(rotation, k)
-        frame = np.eye(3) if PARENT[k] < 0 else rotation[PARENT[k]].copy()
-        step = _vector(_local(ahead, k) @ here.T.copy())
-        _add_turn(k, frame @ step, stiffness[k, 0], normal, right)
-        _add_turn(k, -(frame @ _vector(here)), stiffness[k, 1], normal, right)
+        frame = np.eye(3) if PARENT[k] < 0 else rotation[PARENT[k]]
+        step = _vector(_over(_local(ahead, k), here))
+        _add_turn(k, _on(frame, step), stiffness[k, 0], normal, right)
+        _add_turn(k, -_on(frame, _vector(here)), stiffness[k, 1], normal, right)
         for limit in limits:
             if limit[0] == k:
-                _add_limit(k, limit[1:].copy(), here, frame, normal, right)
+                _add_limit(k, limit[1:], here, frame, normal, right)
 
 
 @njit(cache=True, nogil=True)
@@ -303,4 +335,4 @@ def move(step: Any, rotation: Any, turned: Any) -> None:
         total[k] = step[3 + 3 * k : 6 + 3 * k]
         if PARENT[k] >= 0:
             total[k] += total[PARENT[k]]
-        turned[k] = _rotation(total[k]) @ rotation[k]
+        turned[k] = _times(_rotation(total[k]), rotation[k])

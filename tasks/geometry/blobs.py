@@ -13,11 +13,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 24  # voxels in order: they lie together, so that few blobs are near all of them
-_FARTHEST = 18.0  # squared Mahalanobis distance beyond which a blob weighs nothing
+_BLOCK = 64  # voxels in order: they lie together, so that few blobs reach into their box
+_FARTHEST = np.float32(18.0)  # squared Mahalanobis distance beyond which a blob weighs nothing
+_ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
+_SMALL = np.float32(-1 / 128)
+_C3, _C4, _C5 = np.float32(1 / 6), np.float32(1 / 24), np.float32(1 / 120)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +34,8 @@ class Blobs:
     offset: Floats
     """(blob, 3) mean, m, from the bone's proximal joint."""
 
-    whitening: Floats
-    """(blob, 3, 3) W of the squared Mahalanobis distance |W d|**2."""
+    covariance: Floats
+    """(blob, 3, 3) m**2."""
 
     share: Floats
     """(blob,) share of the voxels; they sum to 1."""
@@ -39,13 +43,60 @@ class Blobs:
     @property
     def density(self) -> Floats:
         """(blob,) share of the voxels per m**3 in a blob's middle, but for a common factor."""
-        return self.share * np.abs(np.linalg.det(self.whitening))
+        return self.share / np.sqrt(np.linalg.det(self.covariance))
 
-    @property
-    def reach(self) -> Floats:
-        """(blob,) square of the distance, m**2, beyond which a blob weighs nothing."""
-        least = np.linalg.svd(self.whitening, compute_uv=False).min(1, initial=np.inf)
-        return _FARTHEST / least**2
+
+@dataclass(frozen=True, eq=False)
+class Voxels:
+    """Some of a frame's voxels in blocks of 64, as `share_out` takes them; the last is filled."""
+
+    count: int
+    """How many there are."""
+
+    points: NDArray[np.float32]
+    """(block, 3, 64) centers, m."""
+
+    likeness: NDArray[np.float32]
+    """(block, kind, 64) how much likelier the color is on a kind of blob than anywhere; 0 where
+    the last block is filled."""
+
+    boxes: Floats
+    """(block, 6) least and greatest coordinates, m."""
+
+
+def gather_voxels(points: Floats, cell: NDArray[np.integer], looks: NDArray[np.float32]) -> Voxels:
+    """Return voxels with what their colors say of kinds of blobs.
+
+    Parameters
+    ----------
+    points : (voxel, 3) float64
+        Centers, m, near ones near each other.
+    cell : (voxel,) int
+        Row of `looks` of each.
+    looks : (cell, kind) float32
+        How much likelier a color is on a kind of blob than anywhere.
+    """
+    blocks = -(-len(points) // _BLOCK)
+    placed = np.empty((blocks, 3, _BLOCK), np.float32)
+    likeness = np.empty((blocks, looks.shape[1], _BLOCK), np.float32)
+    boxes = np.empty((blocks, 6))
+    _fill_blocks(points, cell, looks, placed, likeness, boxes)
+    return Voxels(len(points), placed, likeness, boxes)
+
+
+@njit(cache=True, nogil=True)
+def _fill_blocks(points: Any, cell: Any, looks: Any, placed: Any, likeness: Any, boxes: Any):
+    """Write points, likenesses and boxes of blocks; the last is filled with its last voxel."""
+    for k in range(len(boxes)):
+        boxes[k, :3], boxes[k, 3:] = np.inf, -np.inf
+        for i in range(_BLOCK):
+            n = min(k * _BLOCK + i, len(points) - 1)
+            for a in range(3):
+                placed[k, a, i] = points[n, a]
+                boxes[k, a] = min(boxes[k, a], points[n, a])
+                boxes[k, 3 + a] = max(boxes[k, 3 + a], points[n, a])
+            for kind in range(looks.shape[1]):
+                likeness[k, kind, i] = looks[cell[n], kind] if k * _BLOCK + i == n else _ZERO
 
 
 def split(points: Floats, parts: int, rounds: int = 20) -> NDArray[np.int64]:
@@ -55,14 +106,7 @@ def split(points: Floats, parts: int, rounds: int = 20) -> NDArray[np.int64]:
     for _ in range(parts - 1):
         centers.append(points[distance.argmax()])
         distance = np.minimum(distance, ((points - centers[-1]) ** 2).sum(1))
-    middle = np.stack(centers)
-    part = np.zeros(len(points), np.int64)
-    for _ in range(rounds):
-        part = ((points[:, None] - middle) ** 2).sum(2).argmin(1)
-        middle = np.stack(
-            [points[part == k].mean(0) if (part == k).any() else middle[k] for k in range(parts)]
-        )
-    return part
+    return kmeans2(points, np.stack(centers), rounds, minit="matrix")[1]
 
 
 def make_blobs(
@@ -103,10 +147,9 @@ def make_blobs(
             if len(of_part) < 4:
                 continue
             spread = np.cov(of_part.T) + np.eye(3) * softness_m**2
-            whitening = np.linalg.cholesky(np.linalg.inv(spread)).T
             share = len(of_part) / len(some) * len(mine)
             middle = np.asarray(of_part.mean(0) - origin[k], np.float64)
-            found.append((k, middle, np.asarray(whitening, np.float64), share))
+            found.append((k, middle, np.asarray(spread, np.float64), share))
     share = np.array([f[3] for f in found])
     return Blobs(
         np.array([f[0] for f in found], np.int64),
@@ -116,81 +159,135 @@ def make_blobs(
     )
 
 
-def place_blobs(blobs: Blobs, joints: Floats, rotation: Floats) -> tuple[Floats, Floats]:
-    """Return (blob, 3) means and (blob, 3, 3) whitenings in the world, for a pose."""
-    turned = rotation[blobs.bone]
-    mean = joints[blobs.bone] + np.einsum("bij,bj->bi", turned, blobs.offset)
-    return mean, np.einsum("bij,bkj->bik", blobs.whitening, turned)
-
-
 @njit(cache=True, nogil=True)
-def _find_close(points: Any, mean: Any, reach: Any, close: Any) -> int:
-    """Write the blobs that reach into the box around points; return how many they are."""
-    x0 = x1 = points[0, 0]
-    y0 = y1 = points[0, 1]
-    z0 = z1 = points[0, 2]
-    for i in range(1, len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        x0, x1 = min(x0, x), max(x1, x)
-        y0, y1 = min(y0, y), max(y1, y)
-        z0, z1 = min(z0, z), max(z1, z)
+def _find_near(box: Any, mean: Any, half: Any, near: Any) -> int:
+    """Write the blobs whose boxes meet a box; return how many they are."""
     found = 0
     for b in range(len(mean)):
-        x = max(x0 - mean[b, 0], mean[b, 0] - x1, 0.0)
-        y = max(y0 - mean[b, 1], mean[b, 1] - y1, 0.0)
-        z = max(z0 - mean[b, 2], mean[b, 2] - z1, 0.0)
-        if x * x + y * y + z * z <= reach[b]:
-            close[found] = b
+        meets = True
+        for a in range(3):
+            meets &= (mean[b, a] + half[b, a] >= box[a]) & (mean[b, a] - half[b, a] <= box[3 + a])
+        if meets:
+            near[found] = b
             found += 1
     return found
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def share_out(points: Any, look: Any, blobs: Any, weigh: Any, nobody: float, sums: Any) -> float:
+def _weigh(points: Any, look: Any, mean: Any, inverse: Any, middle: Any, weight: Any, whole: Any):
+    """Write what the voxels of a block weigh in a blob, and add it to their sums.
+
+    The exponential is the 64th power of its series at a 64th: within 1e-6, and without a branch
+    or a call, so that the loop goes over several voxels at once.
+    """
+    mx, my, mz = np.float32(mean[0]), np.float32(mean[1]), np.float32(mean[2])
+    xx, xy = np.float32(inverse[0, 0]), np.float32(2 * inverse[0, 1])
+    yy, yz = np.float32(inverse[1, 1]), np.float32(2 * inverse[1, 2])
+    zz, xz = np.float32(inverse[2, 2]), np.float32(2 * inverse[0, 2])
+    for i in range(_BLOCK):
+        x, y, z = points[0, i] - mx, points[1, i] - my, points[2, i] - mz
+        squared = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z
+        u = min(squared, _FARTHEST) * _SMALL
+        e = _ONE + u * (_ONE + u * (_HALF + u * (_C3 + u * (_C4 + u * _C5))))
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        weight[i] = middle * look[i] * e if squared < _FARTHEST else _ZERO
+        whole[i] += weight[i]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_shares(points: Any, weight: Any, over: Any, sums: Any) -> None:
+    """Add a block's weights, times `over`, to a blob's sums, and that times the places."""
+    shares, x, y, z = _ZERO, _ZERO, _ZERO, _ZERO
+    for i in range(_BLOCK):
+        share = weight[i] * over[i]
+        shares += share
+        x += share * points[0, i]
+        y += share * points[1, i]
+        z += share * points[2, i]
+    sums[0] += shares
+    sums[1] += x
+    sums[2] += y
+    sums[3] += z
+
+
+@njit(cache=True, nogil=True)
+def share_out(voxels: Any, blobs: Any, nobody: float, sums: Any) -> float:
     """Share voxels out among blobs; return the mean log likelihood of a voxel.
 
-    points : (voxel, 3)
-    look : likeness (voxel, kind) of each voxel's color to each kind of blob, and kind (blob,)
-    blobs : mean (blob, 3) and whitening (blob, 3, 3) of `place_blobs`
-    weigh : square of the distance (blob,) beyond which a voxel is none of the blob's, and what a
-        voxel in the blob's middle weighs (blob,)
+    voxels : count, points, likeness and boxes of `Voxels`
+    blobs : mean (blob, 3), inverse covariance (blob, 3, 3), half (blob, 3) the size of the box
+        that holds all within reach, factor (blob,) float32 what a voxel in the middle weighs, and
+        kind (blob,) which likeness is the blob's
     nobody : what the uniform class weighs
     sums : (blob, 4) written: sum of the shares, and of shares times places
     """
-    mean, whitening = blobs
-    likeness, kind = look
-    reach, factor = weigh
-    count = mean.shape[0]
+    count, points, likeness, boxes = voxels
+    mean, inverse, half, factor, kind = blobs
+    weight, whole = np.empty((len(mean), _BLOCK), np.float32), np.empty(_BLOCK, np.float32)
+    near = np.empty(len(mean), np.int64)
     sums[:] = 0.0
-    weight, near = np.empty(count), np.empty(count, np.int64)
-    close = np.empty(count, np.int64)  # blobs that reach into the box around some voxels
     total = 0.0
-    for begin in range(0, points.shape[0], _BLOCK):
-        end = min(begin + _BLOCK, points.shape[0])
-        closing = _find_close(points[begin:end], mean, reach, close)
-        for i in range(begin, end):
-            all_weights = nobody
-            found = 0
-            for c in range(closing):
-                b = close[c]
-                x = points[i, 0] - mean[b, 0]
-                y = points[i, 1] - mean[b, 1]
-                z = points[i, 2] - mean[b, 2]
-                u = whitening[b, 0, 0] * x + whitening[b, 0, 1] * y + whitening[b, 0, 2] * z
-                v = whitening[b, 1, 0] * x + whitening[b, 1, 1] * y + whitening[b, 1, 2] * z
-                w = whitening[b, 2, 0] * x + whitening[b, 2, 1] * y + whitening[b, 2, 2] * z
-                squared = u * u + v * v + w * w
-                if squared < _FARTHEST:
-                    weight[found] = factor[b] * likeness[i, kind[b]] * np.exp(-0.5 * squared)
-                    all_weights += weight[found]
-                    near[found] = b
-                    found += 1
-            for n in range(found):
-                share = weight[n] / all_weights
-                b = near[n]
-                sums[b, 0] += share
-                sums[b, 1] += share * points[i, 0]
-                sums[b, 2] += share * points[i, 1]
-                sums[b, 3] += share * points[i, 2]
-            total += np.log(all_weights)
-    return total / max(points.shape[0], 1)
+    for k in range(len(boxes)):
+        found = _find_near(boxes[k], mean, half, near)
+        whole[:] = nobody
+        for c in range(found):
+            b = near[c]
+            _weigh(
+                points[k], likeness[k, kind[b]], mean[b], inverse[b], factor[b], weight[c], whole
+            )
+        for i in range(min(_BLOCK, count - k * _BLOCK)):
+            total += np.log(np.float64(whole[i]))
+        for i in range(_BLOCK):
+            whole[i] = _ONE / whole[i]
+        for c in range(found):
+            _add_shares(points[k], weight[c], whole, sums[near[c]])
+    return total / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
+def place_blobs(body: Any, joints: Any, rotation: Any, widening: float, placed: Any) -> None:
+    """Write where blobs are in a pose, and how wide.
+
+    body : bone (blob,), offset (blob, 3), hang (blob, 3), inverse and covariance (blob, 3, 3), and
+        how many of them, the first, turn with their bones; the others hang from a point of it
+    widening : factor of their size
+    placed : mean (blob, 3), inverse (blob, 3, 3) and half (blob, 3) as `share_out` takes them
+    """
+    bone, offset, hang, inverse, covariance, turning = body
+    mean, turned, half = placed
+    for b in range(len(bone)):
+        rotated = rotation[bone[b]]
+        for i in range(3):
+            mean[b, i] = joints[bone[b], i] + hang[b, i]
+            for j in range(3):
+                mean[b, i] += rotated[i, j] * offset[b, j]
+        if b < turning:
+            turned[b] = _conjugate(rotated, inverse[b])
+            spread = _conjugate(rotated, covariance[b])
+        else:
+            turned[b] = inverse[b]
+            spread = covariance[b]
+        for i in range(3):
+            half[b, i] = widening * np.sqrt(_FARTHEST * spread[i, i])
+            for j in range(3):
+                turned[b, i, j] /= widening**2
+
+
+@njit(cache=True, nogil=True)
+def _conjugate(rotation: Any, matrix: Any) -> Any:
+    """Return R M R'."""
+    half, whole = np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                half[i, j] += rotation[i, k] * matrix[k, j]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                whole[i, j] += half[i, k] * rotation[j, k]
+    return whole

@@ -15,7 +15,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
+
 _CUBE = 8  # voxels of a side: so that few bones are near, and a line in it is short
+_NONE = 127 << 8  # a distance, and after it the bone: the least is the nearest, of equals the first
 _SLACK = 2.5  # voxels: of two look-ups, each rounded, and of distances from a voxel's center
 
 
@@ -71,39 +74,47 @@ def make_fields(
 
 
 def nearest_bones(
-    index: NDArray[np.integer],
+    lines: VoxelLines,
     fields: BoneFields,
     turn: NDArray[np.floating],
     shift: NDArray[np.floating],
-) -> NDArray[np.int8]:
+    *,
+    value: NDArray[np.generic] | None = None,
+) -> NDArray:
     """Return the bone that each voxel is deepest in, or else nearest to.
 
     Parameters
     ----------
-    index : (voxel, 3) int
-        In the grid, in order.
+    lines
+        The voxels.
     fields
         Of the initial frame.
     turn : (bone, 3, 3) float
         What turns a place of this frame back to the bone's initial frame.
     shift : (bone, 3) float
         What is added then, in voxels.
+    value : (bone + 1,)
+        What is returned for each bone, and for none: by default their numbers as int8, and -1.
 
     Returns
     -------
-    (voxel,) int8
-        -1 where no bone is near. Of equally near bones the first is taken.
+    (voxel,)
+        The values. Of equally near bones the first is taken.
     """
-    nearest = np.full(len(index), -1, np.int8)
-    if not len(index):
+    if value is None:
+        value = np.append(np.arange(len(turn)), -1).astype(np.int8)
+    nearest = np.empty(lines.voxels, value.dtype)
+    if not len(nearest):
         return nearest
     local = np.asarray(shift, np.float64) - fields.begin + 0.5  # down to the nearest cell
     offset = np.concatenate([[0], np.cumsum(fields.sides.prod(axis=1))])
     _find_nearest(
-        np.ascontiguousarray(index, np.int32),
+        lines.table,
         np.concatenate([turn, local[:, :, None]], axis=2).reshape(-1, 12),
-        (fields.sides, offset, fields.distance, 127.0 / fields.most),
-        nearest,
+        np.column_stack([offset[:-1], fields.sides]),
+        fields.distance,
+        127.0 / fields.most,
+        (value, nearest),
     )
     return nearest
 
@@ -139,65 +150,89 @@ def _distance(of: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _find_nearest(index: Any, back: Any, fields: Any, nearest: Any) -> None:
-    """Write the nearest bone of each voxel, stretch after stretch along z in a cube."""
-    low, cubes = _cubes_around(index)
+def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, values: Any) -> None:
+    """Write the value of the nearest bone of each voxel, stretch after stretch along z in a cube.
+
+    `boxes`: where the cells of each bone begin, and their sides.
+    """
+    value, nearest = values
+    low, cubes = _cubes_around(lines)
     looked = np.zeros(cubes[0] * cubes[1] * cubes[2], np.int16)
     known = np.empty((len(looked), len(back)), np.int8)
     lower = np.empty(len(back))
-    begin = 0
-    while begin < len(index):
-        x, y, z = index[begin, 0], index[begin, 1], index[begin, 2]
-        i, j, k = (x - low[0]) // _CUBE, (y - low[1]) // _CUBE, (z - low[2]) // _CUBE
-        cube = (i * cubes[1] + j) * cubes[2] + k
-        if looked[cube] == 0:
-            half = (_CUBE - 1) / 2
-            corner = (low[0] + i * _CUBE, low[1] + j * _CUBE, low[2] + k * _CUBE)
-            ball = (corner[0] + half, corner[1] + half, corner[2] + half, half * np.sqrt(3.0))
-            looked[cube] = 1 + _choose(ball, back, fields, lower, known[cube])
-        last = low[2] + (k + 1) * _CUBE
-        end = begin + 1
-        while end < len(index) and index[end, 2] < last and _follows(index, end):
-            end += 1
-        near = (known, cube, looked[cube] - 1)
-        nearest[begin] = _look(x, y, z, near, back, fields)
-        nearest[end - 1] = _look(x, y, index[end - 1, 2], near, back, fields)
-        if nearest[begin] == nearest[end - 1]:
-            for n in range(begin + 1, end - 1):
-                nearest[n] = nearest[begin]
-        else:
-            for n in range(begin + 1, end - 1):
-                nearest[n] = _look(x, y, index[n, 2], near, back, fields)
-        begin = end
+    half = (_CUBE - 1) / 2
+    for line in range(len(lines)):
+        x, y, z, n = lines[line, X], lines[line, Y], lines[line, Z], lines[line, FIRST]
+        i, j = (x - low[0]) // _CUBE, (y - low[1]) // _CUBE
+        stop = z + lines[line, LENGTH]
+        while z < stop:
+            k = (z - low[2]) // _CUBE
+            cube = (i * cubes[1] + j) * cubes[2] + k
+            if looked[cube] == 0:
+                middle = (
+                    low[0] + i * _CUBE + half, low[1] + j * _CUBE + half, low[2] + k * _CUBE + half,
+                )  # fmt: skip
+                _bound(middle, half * np.sqrt(3.0), back, boxes, distance, (unit, lower))
+                looked[cube] = 1 + _choose(lower, known, cube)
+            size = min(stop, low[2] + (k + 1) * _CUBE) - z
+            near = (cube, looked[cube] - 1)
+            first, last = _look((x, y, z, size - 1), near, known, back, boxes, distance)
+            nearest[n], nearest[n + size - 1] = value[first], value[last]
+            if first == last:
+                for m in range(1, size - 1):
+                    nearest[n + m] = value[first]
+            else:
+                for m in range(1, size - 1, 2):
+                    pair = (x, y, z + m, 1)
+                    one, other = _look(pair, near, known, back, boxes, distance)
+                    nearest[n + m] = value[one]
+                    if m + 1 < size - 1:
+                        nearest[n + m + 1] = value[other]
+            n += size
+            z += size
 
 
 @njit(cache=True, nogil=True)
-def _look(x: Any, y: Any, z: Any, near: Any, back: Any, fields: Any) -> Any:
-    """Return which of the bones of a cube a voxel is deepest in or nearest to."""
-    sides, offset, distance, _ = fields
-    known, cube, bones = near
-    best, nearest = 127, -1
+def _look(ends: Any, near: Any, known: Any, back: Any, boxes: Any, distance: Any) -> Any:
+    """Return which of the bones of a cube two voxels are deepest in or nearest to.
+
+    `ends`: the one, and how much farther along z the other is. Beyond its box a bone is as far as
+    at the rim.
+    """
+    x, y, z, more = ends
+    cube, bones = near
+    best, best_more = _NONE, _NONE
     for n in range(bones):
-        b = known[cube, n]
-        i = int(back[b, 0] * x + back[b, 1] * y + back[b, 2] * z + back[b, 3])
-        j = int(back[b, 4] * x + back[b, 5] * y + back[b, 6] * z + back[b, 7])
-        k = int(back[b, 8] * x + back[b, 9] * y + back[b, 10] * z + back[b, 11])
-        if 0 <= i < sides[b, 0] and 0 <= j < sides[b, 1] and 0 <= k < sides[b, 2]:
-            there = distance[offset[b] + (i * sides[b, 1] + j) * sides[b, 2] + k]
-            if there < best:
-                best, nearest = there, b
-    return nearest
+        b = np.int64(known[cube, n])
+        ni, nj, nk = boxes[b, 1], boxes[b, 2], boxes[b, 3]
+        u = back[b, 0] * x + back[b, 1] * y
+        v = back[b, 4] * x + back[b, 5] * y
+        w = back[b, 8] * x + back[b, 9] * y
+        i = min(max(int(u + back[b, 2] * z + back[b, 3]), 0), ni - 1)
+        j = min(max(int(v + back[b, 6] * z + back[b, 7]), 0), nj - 1)
+        k = min(max(int(w + back[b, 10] * z + back[b, 11]), 0), nk - 1)
+        there = distance[boxes[b, 0] + (i * nj + j) * nk + k]
+        best = min(best, np.int64(there) << 8 | b)
+        i = min(max(int(u + back[b, 2] * (z + more) + back[b, 3]), 0), ni - 1)
+        j = min(max(int(v + back[b, 6] * (z + more) + back[b, 7]), 0), nj - 1)
+        k = min(max(int(w + back[b, 10] * (z + more) + back[b, 11]), 0), nk - 1)
+        there = distance[boxes[b, 0] + (i * nj + j) * nk + k]
+        best_more = min(best_more, np.int64(there) << 8 | b)
+    return (
+        -1 if best == _NONE else best & 255,
+        -1 if best_more == _NONE else best_more & 255,
+    )
 
 
 @njit(cache=True, nogil=True)
-def _cubes_around(index: Any) -> Any:
+def _cubes_around(lines: Any) -> Any:
     """Return the first corner of the voxels' box, and how many cubes cover it."""
-    low = (index[0, 0], index[0, 1], index[0, 2])
+    low = (lines[0, X], lines[0, Y], lines[0, Z])
     high = low
-    for n in range(1, len(index)):
-        x, y, z = index[n, 0], index[n, 1], index[n, 2]
+    for n in range(len(lines)):
+        x, y, z = lines[n, X], lines[n, Y], lines[n, Z]
         low = (min(low[0], x), min(low[1], y), min(low[2], z))
-        high = (max(high[0], x), max(high[1], y), max(high[2], z))
+        high = (max(high[0], x), max(high[1], y), max(high[2], z + lines[n, LENGTH] - 1))
     return low, (
         (high[0] - low[0]) // _CUBE + 1,
         (high[1] - low[1]) // _CUBE + 1,
@@ -206,36 +241,37 @@ def _cubes_around(index: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _follows(index: Any, n: Any) -> Any:
-    """Return whether a voxel stands a step along z from the one before it."""
-    beside = index[n, 0] == index[n - 1, 0] and index[n, 1] == index[n - 1, 1]
-    return beside and index[n, 2] == index[n - 1, 2] + 1
-
-
-@njit(cache=True, nogil=True)
-def _choose(ball: Any, back: Any, fields: Any, lower: Any, known: Any) -> Any:
-    """Write which bones may be the nearest somewhere in a ball; return how many they are."""
-    sides, offset, distance, unit = fields
-    x, y, z, r = ball
+def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bounds: Any) -> None:
+    """Write how near each bone may be somewhere in a ball; infinity where another is nearer."""
+    unit, lower = bounds
+    x, y, z = middle
     least = 127.0
-    change = unit * (r + _SLACK) + 1.0  # and of rounding to a 127th
+    change = unit * (radius + _SLACK) + 1.0  # and of rounding to a 127th
     for b in range(len(back)):
         lower[b] = np.inf
         u = back[b, 0] * x + back[b, 1] * y + back[b, 2] * z + back[b, 3]
         v = back[b, 4] * x + back[b, 5] * y + back[b, 6] * z + back[b, 7]
         w = back[b, 8] * x + back[b, 9] * y + back[b, 10] * z + back[b, 11]
-        nu, nv, nw = sides[b, 0], sides[b, 1], sides[b, 2]
-        if min(u, v, w) < -r or max(u - nu, v - nv, w - nw) > r or nw == 0:
+        nu, nv, nw = boxes[b, 1], boxes[b, 2], boxes[b, 3]
+        if min(u, v, w) < -radius or max(u - nu, v - nv, w - nw) > radius or nw == 0:
             continue
         i = min(max(int(u), 0), nu - 1)
         j = min(max(int(v), 0), nv - 1)
         k = min(max(int(w), 0), nw - 1)
-        there = distance[offset[b] + (i * nv + j) * nw + k]
+        there = distance[boxes[b, 0] + (i * nv + j) * nw + k]
         lower[b] = there - change
         least = min(least, there + change)
-    near = 0
     for b in range(len(back)):
-        if lower[b] <= least:
-            known[near] = b
+        if lower[b] > least:
+            lower[b] = np.inf
+
+
+@njit(cache=True, nogil=True)
+def _choose(lower: Any, known: Any, cube: Any) -> Any:
+    """Write which bones may be the nearest somewhere in a cube; return how many they are."""
+    near = 0
+    for b in range(len(lower)):
+        if lower[b] < np.inf:
+            known[cube, near] = b
             near += 1
     return near

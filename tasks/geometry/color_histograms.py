@@ -3,7 +3,10 @@
 Colors are two chromaticities, which a change of light leaves alone, and a coarse lightness.
 """
 
+from typing import Any
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -20,13 +23,10 @@ LEAST_PROBABILITY = 2e-5
 
 def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
     """Return (color,) the cell of the histograms that each RGB color (color, 3) falls into."""
-    r, g, b = np.asarray(color, np.float32).T
-    total = np.maximum(r + g + b, 24.0)  # black has no chromaticity
-    cells = np.stack([(r - g) / total, (r + g - 2.0 * b) / (2.0 * total)], axis=1) / CHROMA_STEP
-    light = (0.3 * r + 0.59 * g + 0.11 * b) / LIGHT_STEP
-    cells = np.floor(np.column_stack([cells, light]) + _ZERO).astype(np.intp)
-    cells = np.clip(cells, 0, np.subtract(SHAPE, 1))
-    return (cells[:, 0] * SHAPE[1] + cells[:, 1]) * SHAPE[2] + cells[:, 2]
+    color = np.ascontiguousarray(color)
+    cell = np.empty(len(color), np.intp)
+    _find_cells(color, cell)
+    return cell
 
 
 def count_colors(cell: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -67,3 +67,20 @@ def learn_likeness(
             ratio = log_ratio(count_colors(own), everywhere)
             likeness[:, k] = np.exp(np.clip(ratio, -limit, limit))
     return likeness
+
+
+@njit(cache=True, nogil=True)
+def _find_cells(color: Any, cell: Any) -> None:
+    """Write the cells of colors, computed in single precision."""
+    one = np.float32
+    for n in range(len(color)):
+        r, g, b = one(color[n, 0]), one(color[n, 1]), one(color[n, 2])
+        total = max(r + g + b, one(24.0))  # black has no chromaticity
+        red = (r - g) / total / one(CHROMA_STEP)
+        blue = (r + g - one(2.0) * b) / (one(2.0) * total) / one(CHROMA_STEP)
+        light = (one(0.3) * r + one(0.59) * g + one(0.11) * b) / one(LIGHT_STEP)
+        i = int(np.floor(np.float64(red) + _ZERO[0]))
+        j = int(np.floor(np.float64(blue) + _ZERO[1]))
+        k = int(np.floor(np.float64(light) + _ZERO[2]))
+        i, j = min(max(i, 0), SHAPE[0] - 1), min(max(j, 0), SHAPE[1] - 1)
+        cell[n] = (i * SHAPE[1] + j) * SHAPE[2] + min(max(k, 0), SHAPE[2] - 1)

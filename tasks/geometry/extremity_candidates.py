@@ -7,12 +7,14 @@ extrema of Plagemann et al. 2010). Ends find hands in gloves, lumps find hands o
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from tasks.geometry.skin import NO_CAMERA, SkinModel, SurfaceFrame, skin_ratio
-from tasks.geometry.surface_cells import Cells, distances, find_ends, gather_cells, sum_balls
+from tasks.geometry.skin import NO_CAMERA, SkinModel, SurfaceFrame
+from tasks.geometry.surface_cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
 
 Floats = NDArray[np.float64]
 
@@ -180,8 +182,10 @@ def find_candidates(
 
 def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:
     """Return (2, voxel) ratios of hand and face, from -1 to 2; 0 where the color is borrowed."""
-    ratio = np.stack(skin_ratio(model, frame.color)).astype(np.float64)
-    return np.where(frame.camera != NO_CAMERA, np.clip(ratio, -1.0, 2.0), 0.0)
+    ratio = np.empty((2, len(frame.color)))
+    _look_up(frame.color, frame.camera, model.hand, ratio[0])
+    _look_up(frame.color, frame.camera, model.face, ratio[1])
+    return ratio
 
 
 def find_lumps(
@@ -211,12 +215,8 @@ def find_lumps(
     seeds = np.flatnonzero(cells.hot[table] > least[0] * reference)
     weighed = (cells.hot_center[table], cells.mass[table], cells.hot[table])
     mass, middle = sum_balls(cells, seeds, weighed[0][seeds], radius_m, weighed)
-    chosen: list[int] = []
-    alive = mass > least[1] * reference
-    while alive.any() and len(chosen) < least[2]:
-        best = int(np.argmax(np.where(alive, mass, -np.inf)))
-        chosen.append(best)
-        alive &= distances(middle, middle[best]) > apart_m
+    large = np.flatnonzero(mass > least[1] * reference)
+    chosen = large[choose_apart(middle[large], mass[large], apart_m, least[2])]
     mass, place = sum_balls(cells, seeds[chosen], middle[chosen], radius_m, weighed)
     return seeds[chosen], place, mass / reference
 
@@ -234,3 +234,11 @@ def _lumps(
     apart_m = max(settings.apart, 0.75 * radius) * stature_m
     least = (settings.least_seed, settings.least_mass, most)
     return find_lumps(cells, table, reference, radius * stature_m, apart_m, least)
+
+
+@njit(cache=True, nogil=True)
+def _look_up(color: Any, camera: Any, table: Any, ratio: Any) -> None:
+    """Write the ratios of colors, within their limits."""
+    for n in range(len(color)):
+        own = table[color[n, 0] >> 2, color[n, 1] >> 2, color[n, 2] >> 2]
+        ratio[n] = min(max(np.float64(own), -1.0), 2.0) if camera[n] != NO_CAMERA else 0.0

@@ -8,10 +8,13 @@ Costs are negative logarithms of likelihoods; a forward and a backward pass over
 states give the probability of each place.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -53,18 +56,28 @@ class Motion:
     """Places at which an unseen point is remembered."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Slots:
-    """Where one point may be in a frame: its candidates, then its ghosts."""
+class _Rule(NamedTuple):
+    """How points move, and what costs what, as numbers for kernels."""
 
-    place: Floats
-    """(slot, 3)"""
-    unseen: NDArray[np.intp]
-    """(slot,) frames since it was seen; 0: a candidate."""
-    parent: NDArray[np.intp]
-    """(slot,) a ghost's slot in the frame before; -1: a candidate."""
-    velocity: Floats
-    """(slot, 3) statures a second, by the best way there."""
+    step_s: float
+    speed: float
+    fastest: float
+    noise: float
+    widest: float
+    jump: float
+    settled_s: float
+    lasting: float
+    alone: float
+    alike: float
+    ghosts: int
+    unseen: tuple[float, float]
+    together: float
+
+
+_X, _Y, _Z, _UNSEEN, _PARENT, _VELOCITY = range(6)
+"""Of a slot, which is where a point may be in a frame: a candidate or a ghost. Its place, for how
+many frames it was not seen, a ghost's slot in the frame before (-1: a candidate), and how fast the
+best way comes there (3), statures a second."""
 
 
 def best_paths(
@@ -109,134 +122,277 @@ def best_paths(
         What the paths cost from the initial frame on, and back from it.
     """
     frames = len(place[0])
+    begin = np.zeros((2, frames + 1), np.int64)
+    begin[0, 1:], begin[1, 1:] = (np.cumsum([len(spots) for spots in own]) for own in place)
+    begin[1] += begin[0, -1]
+    candidate = np.column_stack(
+        [np.concatenate([*place[0], *place[1]]), np.concatenate([*cost[0], *cost[1]])]
+    ).astype(np.float64)
+    rule = _Rule(
+        float(step_s), motion.speed, motion.fastest, motion.noise, motion.widest, motion.jump,
+        motion.settled_s, motion.lasting, motion.alone, motion.alike, motion.ghosts,
+        (float(unseen[0]), float(unseen[1])), float(together),
+    )  # fmt: skip
     position, weight = np.full((frames, 2, 3), np.nan), np.zeros((frames, 2))
     totals = np.zeros(2)
     ways = [range(initial_frame, frames), range(initial_frame, -1, -1)]
     for part in sorted((0, 1), key=lambda part: len(ways[part])):  # the longer way's start stays
-        order = list(ways[part])
-        chain = _Chain(place, cost, start, order, step_s, motion, unseen, together)
-        position[order], weight[order], totals[part] = chain.solve()
+        order = np.array(ways[part])
+        first, moves, states = _lay_out(begin, order, rule.ghosts)
+        slot, move, own, best = _walk(
+            candidate, begin, order, np.array(start, np.float64), (first, moves, states), rule
+        )
+        likely = _probabilities(first, moves, states, move, own)
+        path = _trace(slot, (first, moves, states), move, best)
+        position[order], weight[order] = _read(slot, first, states, likely, path, rule.alike)
+        totals[part] = best[states[-2] :].min()
     return position, weight, totals
 
 
-class _Chain:
-    """The states of all frames in one direction, and what leads from each to each."""
+@njit(cache=True, nogil=True)
+def _lay_out(begin: Any, order: Any, ghosts: Any) -> Any:
+    """Return where the slots of each frame begin, of both points, its moves, and its states.
 
-    def __init__(self, place, cost, start, order, step_s, motion, unseen, together) -> None:
-        self.motion, self.step_s = motion, step_s
-        self.slots: list[tuple[_Slots, _Slots]] = []
-        self.moves: list[tuple[Floats, Floats]] = []
-        self.costs: list[Floats] = []
-        self.totals: list[Floats] = []
-        seed = tuple(
-            _Slots(s[None], np.zeros(1, np.intp), np.full(1, -1, np.intp), np.zeros((1, 3)))
-            for s in start
+    The first frame is what the points start from; frames that are walked through follow.
+    """
+    frames = len(order)
+    count = np.ones((2, frames + 1), np.int64)
+    for t in range(frames):
+        for point in range(2):
+            found = begin[point, order[t] + 1] - begin[point, order[t]]
+            count[point, t + 1] = found + min(ghosts, count[point, t])
+    first, moves = np.zeros((2, frames + 2), np.int64), np.zeros((2, frames + 2), np.int64)
+    states = np.zeros(frames + 2, np.int64)
+    for t in range(frames + 1):
+        for point in range(2):
+            first[point, t + 1] = first[point, t] + count[point, t]
+            before = count[point, t - 1] if t else 0
+            moves[point, t + 1] = moves[point, t] + before * count[point, t]
+        states[t + 1] = states[t] + count[0, t] * count[1, t]
+    first[1] += first[0, -1]
+    moves[1] += moves[0, -1]
+    return first, moves, states
+
+
+@njit(cache=True, nogil=True)
+def _walk(candidate: Any, begin: Any, order: Any, start: Any, layout: Any, rule: Any) -> Any:
+    """Return slots, what moves and states cost, and what the best way to each state costs."""
+    first, moves, states = layout
+    slot, move = np.zeros((first[1, -1], _VELOCITY + 3)), np.full(moves[1, -1], np.inf)
+    own, best = np.zeros(states[-1]), np.zeros(states[-1])
+    for point in range(2):
+        slot[first[point, 0], :_UNSEEN] = start[point]
+        slot[first[point, 0], _PARENT] = -1.0
+    for t in range(1, len(order) + 1):
+        found = np.empty((2, 2), np.int64)
+        for point in range(2):
+            found[point] = begin[point, order[t - 1] : order[t - 1] + 2]
+            last = best[states[t - 1] : states[t]].reshape(
+                first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
+            )
+            alone = _least(last, point)
+            before = slot[first[point, t - 1] : first[point, t]]
+            after = slot[first[point, t] : first[point, t + 1]]
+            cost = move[moves[point, t] : moves[point, t + 1]].reshape(len(before), len(after))
+            spots = candidate[found[point, 0] : found[point, 1]]
+            _open(before, after, spots, alone, cost, rule)
+            _cost_moves(before, after, len(spots), cost, rule)
+            _aim(before, after, len(spots), alone, cost, rule)
+        here = own[states[t] : states[t + 1]].reshape(
+            first[0, t + 1] - first[0, t], first[1, t + 1] - first[1, t]
         )
-        best = np.zeros((1, 1))
-        before = seed
-        for t in order:
-            after, moves, own = [], [], []
-            for point in range(2):
-                alone = best.min(axis=1 - point)
-                slots = self._open(before[point], alone, place[point][t])
-                after.append(slots)
-                moves.append(self._moves(before[point], slots))
-                self._aim(before[point], slots, alone[:, None] + moves[point])
-                ghosts = len(slots.place) - len(place[point][t])
-                own.append(np.concatenate([cost[point][t], np.full(ghosts, unseen[point])]))
-            total = own[0][:, None] + own[1][None]
-            right, left = len(place[0][t]), len(place[1][t])
-            if together and right and left:
-                way = np.linalg.norm(place[0][t][:, None] - place[1][t][None], axis=2)
-                close = np.maximum(1.0 - (way / motion.alone) ** 2, 0.0)
-                total[:right, :left] += together * close
-            best = _min_plus(_min_plus(moves[0].T, best), moves[1]) + total
-            self.slots.append((after[0], after[1]))
-            self.moves.append((moves[0], moves[1]))
-            self.costs.append(total)
-            self.totals.append(best)
-            before = (after[0], after[1])
-
-    def _open(self, before: _Slots, best: Floats, place: Floats) -> _Slots:
-        """Return the slots of a frame: its candidates, and ghosts of the best slots before."""
-        kept = np.argsort(best, kind="stable")[: self.motion.ghosts]
-        return _Slots(
-            np.concatenate([place, before.place[kept]]),
-            np.concatenate([np.zeros(len(place), np.intp), before.unseen[kept] + 1]),
-            np.concatenate([np.full(len(place), -1, np.intp), kept]),
-            np.concatenate([np.zeros_like(place), self.motion.lasting * before.velocity[kept]]),
+        _cost_states(
+            candidate[found[0, 0] : found[0, 1]], candidate[found[1, 0] : found[1, 1]], here, rule
         )
-
-    def _aim(self, before: _Slots, after: _Slots, cost: Floats) -> None:
-        """Write the velocity at which the best way comes to each candidate."""
-        seen = np.flatnonzero(after.parent < 0)
-        source = np.argmin(cost[:, seen], axis=0)
-        time_s = self.step_s * (before.unseen[source] + 1.0)
-        way = after.place[seen] - before.place[source]
-        after.velocity[seen] = way / time_s[:, None]
-
-    def _moves(self, before: _Slots, after: _Slots) -> Floats:
-        """Return (slot before, slot after) what each way costs."""
-        motion = self.motion
-        time_s = self.step_s * (before.unseen + 1.0)[:, None]
-        straight = after.place[None] - before.place[:, None]
-        way = np.linalg.norm(straight, axis=2)
-        carried = before.velocity * np.minimum(time_s, motion.settled_s)
-        off = np.minimum(way, np.linalg.norm(straight - carried[:, None], axis=2))
-        one_step = np.hypot(np.sqrt(2.0) * motion.noise, motion.speed * self.step_s)
-        spread = np.hypot(
-            np.sqrt(2.0) * motion.noise, np.minimum(motion.speed * time_s, motion.widest)
-        )
-        cost = 0.5 * (off / spread) ** 2 + 3.0 * np.log(np.maximum(spread / one_step, 1.0))
-        cost = np.minimum(cost, motion.jump)
-        cost[way > motion.fastest * time_s + 4.0 * motion.noise] = np.inf
-        is_ghost = after.parent >= 0
-        cost[:, is_ghost] = np.inf
-        cost[after.parent[is_ghost], np.flatnonzero(is_ghost)] = 0.0
-        return cost
-
-    def solve(self) -> tuple[Floats, Floats, float]:
-        """Return positions, weights and the cost of the best paths."""
-        count = len(self.slots)
-        position, weight = np.full((count, 2, 3), np.nan), np.zeros((count, 2))
-        likely = self._probabilities()
-        state = np.unravel_index(int(np.argmin(self.totals[-1])), self.totals[-1].shape)
-        for t in range(count - 1, -1, -1):
-            for point in range(2):
-                slots, slot = self.slots[t][point], state[point]
-                if slots.unseen[slot] == 0:
-                    position[t, point] = slots.place[slot]
-                    seen = slots.unseen == 0
-                    near = (
-                        np.linalg.norm(slots.place - slots.place[slot], axis=1) < self.motion.alike
-                    )
-                    weight[t, point] = likely[t].sum(axis=1 - point)[near & seen].sum()
-            if t:
-                moves = self.moves[t]
-                way = self.totals[t - 1] + moves[0][:, state[0], None] + moves[1][None, :, state[1]]
-                state = np.unravel_index(int(np.argmin(way)), way.shape)
-        return position, np.clip(weight, 0.0, 1.0), float(self.totals[-1].min())
-
-    def _probabilities(self) -> list[Floats]:
-        """Return the probability of every state of every frame (forward-backward)."""
-        steps = [(np.exp(-m[0]), np.exp(-m[1])) for m in self.moves]
-        own = [np.exp(-(c - c.min())) for c in self.costs]
-        forward, ahead = [], np.ones((1, 1))
-        for (right, left), cost in zip(steps, own, strict=True):
-            ahead = (right.T @ ahead @ left) * cost
-            ahead = ahead / max(ahead.sum(), 1e-300)
-            forward.append(ahead)
-        back = np.ones_like(forward[-1])
-        likely = [forward[-1]]
-        for t in range(len(forward) - 1, 0, -1):
-            right, left = steps[t]
-            back = right @ (back * own[t]) @ left.T
-            back = back / max(back.sum(), 1e-300)
-            both = forward[t - 1] * back
-            likely.append(both / max(both.sum(), 1e-300))
-        return likely[::-1]
+        _add_steps(first, moves, states, move, t, best)
+        best[states[t] : states[t + 1]] += own[states[t] : states[t + 1]]
+    return slot, move, own, best
 
 
-def _min_plus(a: Floats, b: Floats) -> Floats:
-    """Return the matrix product in which sums are minima and products are sums."""
-    return np.min(a[:, :, None] + b[None], axis=1)
+@njit(cache=True, nogil=True)
+def _least(best: Any, point: Any) -> Any:
+    """Return the least of each slot of a point, wherever the other point is."""
+    alone = np.full(best.shape[point], np.inf)
+    for i in range(best.shape[0]):
+        for j in range(best.shape[1]):
+            k = j if point else i
+            alone[k] = min(alone[k], best[i, j])
+    return alone
+
+
+@njit(cache=True, nogil=True)
+def _open(before: Any, after: Any, spots: Any, best: Any, cost: Any, rule: Any) -> None:
+    """Write the slots of a frame: its candidates, and ghosts of the best slots before."""
+    seen = len(spots)
+    for n in range(seen):
+        for k in range(3):
+            after[n, k] = spots[n, k]
+        after[n, _PARENT] = -1.0
+    kept = np.argsort(best, kind="mergesort")
+    for n in range(len(after) - seen):
+        parent = kept[n]
+        for k in range(3):
+            after[seen + n, k] = before[parent, k]
+            after[seen + n, _VELOCITY + k] = rule.lasting * before[parent, _VELOCITY + k]
+        after[seen + n, _UNSEEN] = before[parent, _UNSEEN] + 1.0
+        after[seen + n, _PARENT] = parent
+        cost[parent, seen + n] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _cost_moves(before: Any, after: Any, seen: Any, cost: Any, rule: Any) -> None:
+    """Write what the ways to candidates cost; infinity stays where they are too long."""
+    noise = np.sqrt(2.0) * rule.noise
+    one_step = math.hypot(noise, rule.speed * rule.step_s)
+    for b in range(len(before)):
+        time_s = rule.step_s * (before[b, _UNSEEN] + 1.0)
+        settled = min(time_s, rule.settled_s)
+        spread = math.hypot(noise, min(rule.speed * time_s, rule.widest))
+        wide = 3.0 * np.log(max(spread / one_step, 1.0))
+        for n in range(seen):
+            x, y, z = (
+                after[n, _X] - before[b, _X],
+                after[n, _Y] - before[b, _Y],
+                after[n, _Z] - before[b, _Z],
+            )
+            way = np.sqrt(x * x + y * y + z * z)
+            x, y, z = (
+                x - before[b, _VELOCITY] * settled,
+                y - before[b, _VELOCITY + 1] * settled,
+                z - before[b, _VELOCITY + 2] * settled,
+            )
+            off = min(way, np.sqrt(x * x + y * y + z * z)) / spread
+            if not way > rule.fastest * time_s + 4.0 * rule.noise:
+                cost[b, n] = min(0.5 * (off * off) + wide, rule.jump)
+
+
+@njit(cache=True, nogil=True)
+def _aim(before: Any, after: Any, seen: Any, alone: Any, cost: Any, rule: Any) -> None:
+    """Write the velocity at which the best way comes to each candidate."""
+    for n in range(seen):
+        source = 0
+        for b in range(1, len(before)):
+            if alone[b] + cost[b, n] < alone[source] + cost[source, n]:
+                source = b
+        time_s = rule.step_s * (before[source, _UNSEEN] + 1.0)
+        for k in range(3):
+            after[n, _VELOCITY + k] = (after[n, k] - before[source, k]) / time_s
+
+
+@njit(cache=True, nogil=True)
+def _cost_states(right: Any, left: Any, cost: Any, rule: Any) -> None:
+    """Write what it costs that the points are at two candidates, or not seen."""
+    for i in range(cost.shape[0]):
+        for j in range(cost.shape[1]):
+            cost[i, j] = right[i, 3] if i < len(right) else rule.unseen[0]
+            cost[i, j] += left[j, 3] if j < len(left) else rule.unseen[1]
+            if rule.together and i < len(right) and j < len(left):
+                x, y, z = (
+                    right[i, 0] - left[j, 0],
+                    right[i, 1] - left[j, 1],
+                    right[i, 2] - left[j, 2],
+                )
+                way = np.sqrt(x * x + y * y + z * z) / rule.alone
+                cost[i, j] += rule.together * max(1.0 - way * way, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _add_steps(first: Any, moves: Any, states: Any, move: Any, t: Any, best: Any) -> None:
+    """Write what the best way to each state of a frame costs without the state itself."""
+    k, m = first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
+    i, j = first[0, t + 1] - first[0, t], first[1, t + 1] - first[1, t]
+    right = move[moves[0, t] : moves[0, t + 1]].reshape(k, i)
+    left = move[moves[1, t] : moves[1, t + 1]].reshape(m, j)
+    last = best[states[t - 1] : states[t]].reshape(k, m)
+    after = best[states[t] : states[t + 1]].reshape(i, j)
+    half = np.full((i, m), np.inf)
+    for b in range(k):
+        for n in range(i):
+            for o in range(m):
+                half[n, o] = min(half[n, o], right[b, n] + last[b, o])
+    after[:] = np.inf
+    for n in range(i):
+        for b in range(m):
+            for o in range(j):
+                after[n, o] = min(after[n, o], half[n, b] + left[b, o])
+
+
+@njit(cache=True, nogil=True)
+def _probabilities(first: Any, moves: Any, states: Any, move: Any, own: Any) -> Any:
+    """Return the probability of every state of every frame (forward-backward)."""
+    chance, likely, ahead = np.exp(-move), np.ones(states[-1]), np.ones((1, 1))
+    frames = len(states) - 2
+    for t in range(1, frames + 1):
+        right, left, here = _part(first, moves, states, chance, own, t)
+        ahead = (right.T.copy() @ ahead @ left) * here
+        ahead /= max(ahead.sum(), 1e-300)
+        likely[states[t] : states[t + 1]] = ahead.ravel()
+    back = np.ones_like(ahead)
+    for t in range(frames, 1, -1):
+        right, left, here = _part(first, moves, states, chance, own, t)
+        back = right @ (back * here) @ left.T.copy()
+        back /= max(back.sum(), 1e-300)
+        both = likely[states[t - 1] : states[t]]
+        both *= back.ravel()
+        both /= max(both.sum(), 1e-300)
+    return likely
+
+
+@njit(cache=True, nogil=True)
+def _part(first: Any, moves: Any, states: Any, chance: Any, own: Any, t: Any) -> Any:
+    """Return the chances of both points' moves to a frame, and of its states."""
+    k, m = first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
+    i, j = first[0, t + 1] - first[0, t], first[1, t + 1] - first[1, t]
+    cost = own[states[t] : states[t + 1]]
+    return (
+        chance[moves[0, t] : moves[0, t + 1]].reshape(k, i),
+        chance[moves[1, t] : moves[1, t + 1]].reshape(m, j),
+        np.exp(-(cost - cost.min())).reshape(i, j),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _trace(slot: Any, layout: Any, move: Any, best: Any) -> Any:
+    """Return (time, 2) the slots of the best path."""
+    first, moves, states = layout
+    frames = len(states) - 2
+    path = np.empty((frames, 2), np.int64)
+    wide = first[1, frames + 1] - first[1, frames]
+    last = np.argmin(best[states[frames] :])
+    for t in range(frames, 0, -1):
+        path[t - 1, 0], path[t - 1, 1] = last // wide, last % wide
+        after = (first[0, t + 1] - first[0, t], wide)
+        wide = first[1, t] - first[1, t - 1]
+        least, last = np.inf, 0
+        for n in range(states[t] - states[t - 1]):
+            cost = best[states[t - 1] + n]
+            cost += move[moves[0, t] + n // wide * after[0] + path[t - 1, 0]]
+            cost += move[moves[1, t] + n % wide * after[1] + path[t - 1, 1]]
+            if cost < least:
+                least, last = cost, n
+    return path
+
+
+@njit(cache=True, nogil=True)
+def _read(slot: Any, first: Any, states: Any, likely: Any, path: Any, alike: Any) -> Any:
+    """Return (time, 2, 3) the places of a path, NaN where unseen, and (time, 2) their weights."""
+    position, weight = np.full((len(path), 2, 3), np.nan), np.zeros((len(path), 2))
+    for t in range(1, len(path) + 1):
+        wide = first[1, t + 1] - first[1, t]
+        chance = likely[states[t] : states[t + 1]].reshape(-1, wide)
+        for point in range(2):
+            own = slot[first[point, t] : first[point, t + 1]]
+            chosen = path[t - 1, point]
+            if own[chosen, _UNSEEN]:
+                continue
+            position[t - 1, point] = own[chosen, :_UNSEEN]
+            for n in range(len(own)):
+                x, y, z = (
+                    own[n, 0] - own[chosen, 0],
+                    own[n, 1] - own[chosen, 1],
+                    own[n, 2] - own[chosen, 2],
+                )
+                if not own[n, _UNSEEN] and np.sqrt(x * x + y * y + z * z) < alike:
+                    weight[t - 1, point] += chance[:, n].sum() if point else chance[n].sum()
+            weight[t - 1, point] = min(weight[t - 1, point], 1.0)
+    return position, weight

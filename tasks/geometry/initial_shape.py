@@ -56,8 +56,10 @@ class Arms:
     left: Points
     """(3,) unit vector, horizontal; towards the left hand once the facing is known."""
     middle: Points
-    """(3,) the middle between the finger tips' verticals, at the height of the arms' lines."""
+    """(3,) where the neck is between the finger tips' verticals, at the height of the tips."""
     half_span_m: float
+    reach_m: Points
+    """(2,) from the middle's vertical to that of each finger tip; unequal if an arm is bent."""
     tip: Points
     """(2, 3) finger tips: against `left`, then along it."""
     line: Points
@@ -77,8 +79,14 @@ class Arms:
         return np.cross(self.left, [0.0, 1.0, 0.0])
 
     def along(self, side: int, share: float) -> Points:
-        """Return the point (3,) of an arm's line that is so many half spans from the middle."""
+        """Return the point (3,) of an arm's line that is so many half spans from the middle.
+
+        Beyond the shoulder what an arm falls short of half a span is missing everywhere alike.
+        """
         aside = share * self.half_span_m
+        if share > SHOULDER_SHARE:
+            arm = self.reach_m[side] - SHOULDER_SHARE * self.half_span_m
+            aside = self.reach_m[side] - arm * (1.0 - share) / (1.0 - SHOULDER_SHARE)
         height, ahead = (value + slope * aside for value, slope in self.line[side])
         base = self.middle * [1.0, 0.0, 1.0] + (2 * side - 1) * aside * self.left
         return base + ahead * self.front + [0.0, height, 0.0]
@@ -87,7 +95,8 @@ class Arms:
         """Return the same arms of somebody who faces the other way."""
         line = self.line[::-1].copy()
         line[:, 1] *= -1.0
-        return replace(self, left=-self.left, tip=self.tip[::-1].copy(), line=line)
+        reach = self.reach_m[::-1].copy()
+        return replace(self, left=-self.left, tip=self.tip[::-1].copy(), line=line, reach_m=reach)
 
 
 def measure_arms(point: Points, voxel_m: float) -> Arms | None:
@@ -116,11 +125,34 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     half = float(aside.max() - aside.min() + voxel_m) / 2.0
     middle = tip.mean(axis=0)
     middle += ((aside.max() + aside.min()) / 2.0 - middle @ left) * left
+    middle += _find_neck(upper - middle, left, half) * left
+    reach = np.array([middle @ left - aside.min(), aside.max() - middle @ left]) + voxel_m / 2
     line, slope, rough, thin, has_hands = _fit_arms(upper, middle, left, half, voxel_m)
     ends = np.array([aside.min(), aside.max()]) - tip @ left
     ends += np.array([1.0, -1.0]) * TIP_INSIDE * half
     tip = tip + ends[:, None] * left
-    return Arms(left, middle, half, tip, line, slope, rough, thin, has_hands)
+    return Arms(left, middle, half, reach, tip, line, slope, rough, thin, has_hands)
+
+
+def _find_neck(away: Points, left: Points, half: float) -> float:
+    """Return how far along `left` the neck is from the middle of the span, m.
+
+    `away` are points (voxel, 3) from there. Below the head, between the shoulders' slopes.
+    """
+    aside, height = away @ left, away[:, 1]
+    above = (abs(aside) < 0.3 * half) & (np.hypot(away[:, 0], away[:, 2]) < 0.45 * half)
+    above &= height > 0.06 * half
+    if not above.any():
+        return 0.0
+    top = height[above].max()
+    place = float(aside[above & (height > 0.5 * top)].mean())
+    slab = above & (abs(height - NECK_SHARE * top) < 0.1 * top)
+    for _ in range(3):
+        near = slab & (abs(aside - place) < 0.12 * half)
+        if not near.any():
+            break
+        place = float(aside[near].mean())
+    return place
 
 
 def _fit_arms(
@@ -196,7 +228,8 @@ def reach_of_head(point: Points, arms: Arms) -> float:
 
 def lengthen_arms(arms: Arms, half_span_m: float) -> Arms:
     """Return the arms with hands that the hull has lost put in, on the arms' lines."""
-    longer = replace(arms, half_span_m=half_span_m)
+    reach = arms.reach_m * half_span_m / arms.half_span_m
+    longer = replace(arms, half_span_m=half_span_m, reach_m=reach)
     tip = np.stack([longer.along(side, 1.0 - TIP_INSIDE) for side in range(2)])
     return replace(longer, tip=tip)
 

@@ -95,9 +95,9 @@ def move_centers(
     for frame in frames:
         count += 1
         slope = np.concatenate([_pose_slope(frame), _center_slope(frame)], axis=2)
-        weighed = np.einsum("bji,bjk->bik", slope, frame.information)
-        whole = np.einsum("bij,bjk->ik", weighed, slope)
-        force = np.einsum("bij,bj->i", weighed, frame.residual)
+        weighed = (frame.information @ slope).reshape(-1, slope.shape[2])
+        whole = slope.reshape(weighed.shape).T @ weighed
+        force = frame.residual.ravel() @ weighed
         own = whole[:UNKNOWNS, :UNKNOWNS] + np.diag(
             np.concatenate([[1e-3] * 3, np.repeat(stiffness, 3)])
         )

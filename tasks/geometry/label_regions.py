@@ -1,8 +1,9 @@
-"""Regions of labeled voxels: neighbors, the largest region of a label, growing (3.4.1, 3.4.3).
+"""Regions of labeled voxels: the largest region of a label, growing (3.4.1, 3.4.3).
 
-Voxels are neighbors when they share a face. They are given in the order of their numbers, as
-`voxel_index` gives them, so that a voxel's neighbors are found by walking that list along
-itself; every region is then a walk over the table of neighbors, made once a frame.
+Voxels are neighbors when they share a face. A frame's voxels are lines along z; a stretch is as
+much of a line as has one label. Stretches are joined to those that they touch in the columns
+before them, so that regions are found without looking at voxels; and only voxels without a label
+are asked for their neighbors.
 """
 
 from typing import Any
@@ -10,54 +11,27 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+from tasks.geometry.nearest_voxels import fill_from_nearest
+from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
 NOBODY = -1
-"""The neighbor of a voxel where there is none."""
+"""The region of a voxel that is in none, and the neighbor where there is none."""
 
-_FEW = 200  # voxels that are sought faster along the list than by a tree, which has to be made
-
-
-def voxel_neighbors(index: NDArray[np.integer]) -> NDArray[np.int32]:
-    """Return the place in the list of each voxel's six neighbors.
-
-    Parameters
-    ----------
-    index : (voxel, 3) int
-        In the grid, in order: x-major, then y, then z; each voxel once.
-
-    Returns
-    -------
-    (voxel, 6) int32
-        Neighbors towards -z, +z, -y, +y, -x, +x; -1 where there is none.
-
-    Raises
-    ------
-    ValueError
-        If the voxels are not in order.
-    """
-    index = np.asarray(index)
-    neighbors = np.full((len(index), 6), NOBODY, np.int32)
-    number, step = np.empty(len(index), np.int64), np.ones(3, np.int64)
-    if len(index) and not _number_voxels(np.ascontiguousarray(index), number, step):
-        raise ValueError(
-            "the voxels are not in order or not each once; pass them as voxel_index gives them"
-        )
-    _find_neighbors(number, step, neighbors)
-    return neighbors
+_X, _Y, _Z, _END, _VALUE, _VOXEL = range(6)  # of a stretch; the end is the z after its last voxel
 
 
 def label_regions(
-    label: NDArray[np.integer], neighbors: NDArray[np.int32]
+    label: NDArray[np.uint8], lines: VoxelLines
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return which connected region of one label each voxel is in, and the regions' sizes.
 
     Parameters
     ----------
-    label : (voxel,) int
-        Any numbers; 0 is no label, and in no region.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them.
+    label : (voxel,) uint8
+        0 is no label, and in no region.
+    lines
+        The voxels.
 
     Returns
     -------
@@ -66,177 +40,164 @@ def label_regions(
     size : (region,) int64
         Voxels in each.
     """
-    region = np.full(len(label), NOBODY, np.int32)
-    first_and_size = np.zeros((len(label), 2), np.int64)
-    count = _find_regions(np.ascontiguousarray(label), neighbors, region, first_and_size)
-    return region, first_and_size[:count, 1].copy()
+    stretch = _find_stretches(label, lines.table)
+    region, size = _find_regions(stretch, *_find_columns(stretch))
+    return np.repeat(region, stretch[:, _END] - stretch[:, _Z]), size
 
 
-def keep_largest_regions(
-    label: NDArray[np.uint8], neighbors: NDArray[np.int32]
-) -> NDArray[np.uint8]:
-    """Return labels with 0 outside each label's largest region (constraint 1 of the paper).
-
-    Of equally large regions the one with the first voxel stays.
-    """
-    kept = np.array(label, np.uint8)
-    region = np.full(len(kept), NOBODY, np.int32)
-    _drop_small(kept, neighbors, region, np.zeros((len(kept), 2), np.int64))
-    return kept
-
-
-def grow_labels(label: NDArray[np.uint8], neighbors: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Return labels where voxels with 0 have the nearest label that they are connected to.
-
-    Distance is counted in steps from neighbor to neighbor; of equally near labels the first in
-    the order of neighbors is taken. Voxels that no label is connected to keep 0.
-    """
-    grown = np.array(label, np.uint8)
-    _grow(grown, neighbors)
-    return grown
-
-
-def clean_labels(
-    label: NDArray[np.integer],
-    index: NDArray[np.integer],
-    *,
-    neighbors: NDArray[np.int32] | None = None,
-) -> NDArray[np.uint8]:
+def clean_labels(label: NDArray[np.integer], lines: VoxelLines) -> NDArray[np.uint8]:
     """Return labels of which each is one connected region (digitization paper, 3.4.3).
 
-    Each label's largest region stays, and every other voxel takes the nearest label that it is
-    connected to. What is connected to no such region, a piece of the hull apart from the rest,
-    takes the label of the nearest labeled voxel: only there a label has a second region.
+    Each label's largest region stays, of equally large ones the first, and every other voxel takes
+    the nearest label that it is connected to, counted in steps from neighbor to neighbor; of
+    equally near labels the first towards -z, +z, -y, +y, -x, +x. What is connected to no such
+    region, a piece of the hull apart from the rest, takes the label of the nearest labeled voxel:
+    only there a label has a second region.
 
     Parameters
     ----------
     label : (voxel,) int
         1 to 255; 0 is not decided.
-    index : (voxel, 3) int
-        In the grid, in order.
-    neighbors : (voxel, 6) int32
-        As `voxel_neighbors` gives them, where they are known already.
+    lines
+        The voxels.
 
     Raises
     ------
     ValueError
-        If labels and voxels do not fit, a label is out of range, or the voxels are not in order.
+        If labels and voxels do not fit, or a label is out of range.
     """
-    label, index = np.asarray(label), np.asarray(index)
-    if label.shape != index.shape[:1] or index.shape[1:] != (3,):
+    label = np.asarray(label)
+    if label.shape != (lines.voxels,):
         raise ValueError(
-            f"{label.shape} labels and voxels of shape {index.shape} do not fit; pass a label and "
-            "three indices for each voxel"
+            f"{label.shape} labels and {lines.voxels} voxels do not fit; pass a label for each"
         )
     is_small = label.dtype == np.uint8 or not len(label)
     if not (is_small or (label.min() >= 0 and label.max() <= 255)):
         raise ValueError(
             f"labels from {label.min()} to {label.max()} are no labels; pass 0 (none) to 255"
         )
-    if neighbors is None:
-        neighbors = voxel_neighbors(index)
-    clean = keep_largest_regions(label.astype(np.uint8), neighbors)
-    _grow(clean, neighbors)
-    lost = clean == 0
-    if lost.any() and not lost.all():
-        place = nearest_at_rim(index[lost], index, neighbors, ~lost)
-        clean[lost] = clean[place]
+    clean = label.astype(np.uint8)
+    left = _clean(clean, lines.table)
+    if 0 < left < len(clean):
+        fill_from_nearest(clean, lines)
     return clean
 
 
-def nearest_at_rim(
-    sought: NDArray[np.integer],
-    index: NDArray[np.integer],
-    neighbors: NDArray[np.int32],
-    counts: NDArray[np.bool_],
-) -> NDArray[np.int64]:
-    """Return the place in the list of the voxel nearest to each of some voxels outside.
-
-    Parameters
-    ----------
-    sought : (sought, 3) int
-        In the grid; none of them is one of the list that counts.
-    index, neighbors : (voxel, 3) int and (voxel, 6) int32
-        The list, and its neighbors as `voxel_neighbors` gives them.
-    counts : (voxel,) bool
-        Which voxels of the list count; at least one.
-    """
-    sought, index = np.ascontiguousarray(sought), np.ascontiguousarray(index)
-    if len(sought) > _FEW:
-        rim = np.flatnonzero(counts & (neighbors < 0).any(axis=1))
-        tree = KDTree(index[rim], balanced_tree=False, compact_nodes=False)
-        return rim[tree.query(sought)[1]]
-    nearest = np.empty(len(sought), np.int64)
-    _search(sought, index, neighbors, counts, nearest)
-    return nearest
+@njit(cache=True, nogil=True)
+def _clean(label: Any, lines: Any) -> Any:
+    """Keep each label's largest region, let it grow; return how many voxels it does not reach."""
+    stretch = _find_stretches(label, lines)
+    column, beside = _find_columns(stretch)
+    region, size = _find_regions(stretch, column, beside)
+    largest = np.full(256, NOBODY, np.int64)
+    seen = 0
+    for s in range(len(stretch)):
+        if region[s] == seen:  # its first stretch
+            best = largest[stretch[s, _VALUE]]
+            if best < 0 or size[seen] > size[best]:
+                largest[stretch[s, _VALUE]] = seen
+            seen += 1
+    waiting = 0
+    for s in range(len(stretch)):
+        if region[s] < 0 or region[s] != largest[stretch[s, _VALUE]]:
+            count = stretch[s, _END] - stretch[s, _Z]
+            label[stretch[s, _VOXEL] : stretch[s, _VOXEL] + count] = 0
+            stretch[s, _VALUE] = 0
+            waiting += count
+    if waiting == 0:
+        return 0
+    voxel, around = _find_neighbors(stretch, column, beside, waiting)
+    return _grow(label, voxel, around)
 
 
 @njit(cache=True, nogil=True)
-def _number_voxels(index: Any, number: Any, step: Any) -> Any:
-    """Write voxels' numbers in their box and steps along z, y, x; return whether they rise."""
-    low, high = index[0].copy(), index[0].copy()
-    for n in range(len(index)):
-        for k in range(3):
-            low[k] = min(low[k], index[n, k])
-            high[k] = max(high[k], index[n, k])
-    step[1] = high[2] - low[2] + 2  # an empty layer: lines never wrap
-    step[2] = (high[1] - low[1] + 2) * step[1]
-    for n in range(len(index)):
-        x, y, z = index[n, 0] - low[0], index[n, 1] - low[1], index[n, 2] - low[2]
-        number[n] = x * step[2] + y * step[1] + z
-        if n and number[n] <= number[n - 1]:
-            return False
-    return True
+def _find_stretches(label: Any, lines: Any) -> Any:
+    """Return the stretches of one label along z, in order."""
+    turns = np.empty(len(label), np.bool_)
+    for n in range(1, len(label)):
+        turns[n] = label[n] != label[n - 1]
+    count = len(lines)
+    for n in range(1, len(label)):
+        count += turns[n]
+    stretch = np.empty((count, 6), np.int32)
+    s = 0
+    for line in range(len(lines)):
+        n, z = lines[line, FIRST], lines[line, Z] - lines[line, FIRST]
+        end = n + lines[line, LENGTH]
+        while n < end:
+            here = n
+            n += 1
+            while n < end and not turns[n]:
+                n += 1
+            stretch[s, _X], stretch[s, _Y] = lines[line, X], lines[line, Y]
+            stretch[s, _Z], stretch[s, _END] = z + here, z + n
+            stretch[s, _VALUE], stretch[s, _VOXEL] = label[here], here
+            s += 1
+    return stretch[:s]
 
 
 @njit(cache=True, nogil=True)
-def _find_neighbors(number: Any, step: Any, neighbors: Any) -> None:
-    """Write who stands a step away along z, y and x, by walking the list after itself."""
-    for axis in range(3):
-        ahead = 0
-        for n in range(len(number)):
-            wanted = number[n] + step[axis]
-            while ahead < len(number) and number[ahead] < wanted:
-                ahead += 1
-            if ahead < len(number) and number[ahead] == wanted:
-                neighbors[n, 2 * axis + 1], neighbors[ahead, 2 * axis] = ahead, n
+def _find_columns(stretch: Any) -> Any:
+    """Return each column's first stretch (one more), and the columns towards -y, +y, -x, +x."""
+    column = np.empty(len(stretch) + 1, np.int32)
+    count = 0
+    for s in range(len(stretch)):
+        if s == 0 or stretch[s, _Y] != stretch[s - 1, _Y] or stretch[s, _X] != stretch[s - 1, _X]:
+            column[count] = s
+            count += 1
+    column[count] = len(stretch)
+    beside = np.full((count, 4), NOBODY, np.int32)
+    back = 0
+    for c in range(count):
+        x, y = stretch[column[c], _X], stretch[column[c], _Y]
+        if c and stretch[column[c - 1], _X] == x and stretch[column[c - 1], _Y] == y - 1:
+            beside[c, 0], beside[c - 1, 1] = c - 1, c
+        while stretch[column[back], _X] < x - 1 or (
+            stretch[column[back], _X] == x - 1 and stretch[column[back], _Y] < y
+        ):
+            back += 1
+        if stretch[column[back], _X] == x - 1 and stretch[column[back], _Y] == y:
+            beside[c, 2], beside[back, 3] = back, c
+    return column[: count + 1], beside
 
 
 @njit(cache=True, nogil=True)
-def _find_regions(label: Any, neighbors: Any, region: Any, first_and_size: Any) -> Any:
-    """Write the region of each voxel, and of each region; return how many there are.
-
-    Stretches of a label along z are joined to those that they touch before them along y and x;
-    of stretches that are joined the first stands for all.
-    """
-    first = np.empty(len(label), np.int32)
-    stretches = 0
-    for n in range(len(label)):
-        own = label[n]
-        if own == 0:
+def _find_regions(stretch: Any, column: Any, beside: Any) -> Any:
+    """Return the region of each stretch, -1 without label, and the regions' sizes."""
+    first = np.arange(len(stretch)).astype(np.int32)  # of stretches that are joined
+    for c in range(len(beside)):
+        for k in (0, 2):
+            if beside[c, k] >= 0:
+                _join(stretch, column, c, beside[c, k], first)
+    region = np.full(len(stretch), NOBODY, np.int32)
+    size = np.zeros(len(stretch), np.int64)
+    count = 0
+    for s in range(len(stretch)):
+        if stretch[s, _VALUE] == 0:
             continue
-        back = neighbors[n, 0]
-        goes_on = back >= 0 and label[back] == own
-        if not goes_on:
-            first[stretches] = stretches
-            stretches += 1
-        region[n] = stretches - 1
-        for k in (2, 4):
-            beside = neighbors[n, k]
-            if beside < 0 or label[beside] != own:
-                continue
-            if goes_on and neighbors[back, k] == beside - 1 and label[beside - 1] == own:
-                continue  # joined a voxel ago
-            a, b = _first_of(first, stretches - 1), _first_of(first, region[beside])
-            first[max(a, b)] = min(a, b)
-    count = _count_firsts(first[:stretches])
-    for n in range(len(label)):
-        if region[n] >= 0:
-            region[n] = first[region[n]]
-            if first_and_size[region[n], 1] == 0:
-                first_and_size[region[n], 0] = n
-            first_and_size[region[n], 1] += 1
-    return count
+        if first[s] == s:
+            region[s] = count
+            count += 1
+        else:  # it was joined to an earlier one, which has its region by now
+            region[s] = region[_first_of(first, s)]
+        size[region[s]] += stretch[s, _END] - stretch[s, _Z]
+    return region, size[:count]
+
+
+@njit(cache=True, nogil=True)
+def _join(stretch: Any, column: Any, own: Any, other: Any, first: Any) -> None:
+    """Join the stretches of two columns that touch and have one label."""
+    begin, end = column[other], column[other + 1]
+    for s in range(column[own], column[own + 1]):
+        z, stop, value = stretch[s, _Z], stretch[s, _END], stretch[s, _VALUE]
+        while begin < end and stretch[begin, _END] <= z:
+            begin += 1
+        t = begin
+        while t < end and stretch[t, _Z] < stop:
+            if value and stretch[t, _VALUE] == value:
+                a, b = _first_of(first, s), _first_of(first, t)
+                first[max(a, b)] = min(a, b)
+            t += 1
 
 
 @njit(cache=True, nogil=True)
@@ -249,80 +210,64 @@ def _first_of(first: Any, stretch: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _count_firsts(first: Any) -> Any:
-    """Write the number of its region for each stretch; return how many regions there are."""
-    count = 0
-    for stretch in range(len(first)):
-        if first[stretch] == stretch:
-            first[stretch] = count
-            count += 1
-        else:  # it was joined to an earlier one, which has its number by now
-            first[stretch] = first[first[stretch]]
-    return count
+def _find_neighbors(stretch: Any, column: Any, beside: Any, count: Any) -> Any:
+    """Return the voxels of the stretches without label, and their neighbors in all six ways."""
+    voxel, around = np.empty(count, np.int32), np.full((count, 6), NOBODY, np.int32)
+    begin = 0
+    for c in range(len(beside)):
+        for s in range(column[c], column[c + 1]):
+            if stretch[s, _VALUE]:
+                continue
+            size = stretch[s, _END] - stretch[s, _Z]
+            for n in range(size):
+                voxel[begin + n] = stretch[s, _VOXEL] + n
+                around[begin + n, 0] = stretch[s, _VOXEL] + n - 1
+                around[begin + n, 1] = stretch[s, _VOXEL] + n + 1
+            if s == column[c] or stretch[s - 1, _END] != stretch[s, _Z]:
+                around[begin, 0] = NOBODY
+            if s == column[c + 1] - 1 or stretch[s + 1, _Z] != stretch[s, _END]:
+                around[begin + size - 1, 1] = NOBODY
+            for k in range(4):
+                if beside[c, k] >= 0:
+                    part = (column[beside[c, k]], column[beside[c, k] + 1])
+                    _write_beside(stretch, s, part, around, begin, 2 + k)
+            begin += size
+    return voxel, around
 
 
 @njit(cache=True, nogil=True)
-def _search(sought: Any, index: Any, neighbors: Any, counts: Any, nearest: Any) -> None:
-    """Write the place of the voxel nearest to each sought one, the first of equally near.
-
-    From outside, the nearest voxel is at a rim: one with an empty neighbor.
-    """
-    least = np.full(len(sought), 2**62)
-    for n in range(len(index)):
-        enclosed = True
-        for k in range(6):
-            enclosed &= neighbors[n, k] >= 0
-        if enclosed or not counts[n]:
-            continue
-        for s in range(len(sought)):
-            dx, dy, dz = (
-                np.int64(index[n, 0] - sought[s, 0]),
-                np.int64(index[n, 1] - sought[s, 1]),
-                np.int64(index[n, 2] - sought[s, 2]),
-            )
-            away = dx * dx + dy * dy + dz * dz
-            if away < least[s]:
-                least[s], nearest[s] = away, n
+def _write_beside(stretch: Any, own: Any, part: Any, around: Any, begin: Any, way: Any) -> None:
+    """Write which voxels of a column are beside those of a stretch."""
+    z, end = stretch[own, _Z], stretch[own, _END]
+    for t in range(part[0], part[1]):
+        low = max(z, stretch[t, _Z])
+        for n in range(min(end, stretch[t, _END]) - low):
+            around[begin + low - z + n, way] = stretch[t, _VOXEL] + low - stretch[t, _Z] + n
 
 
 @njit(cache=True, nogil=True)
-def _drop_small(label: Any, neighbors: Any, region: Any, first_and_size: Any) -> None:
-    """Write 0 for the voxels outside each label's largest region."""
-    count = _find_regions(label, neighbors, region, first_and_size)
-    largest = np.full(256, NOBODY, np.int64)
-    for number in range(count):
-        own = label[first_and_size[number, 0]]
-        best = largest[own]
-        if best < 0 or first_and_size[number, 1] > first_and_size[best, 1]:
-            largest[own] = number
-    for voxel in range(len(label)):
-        if region[voxel] != largest[label[voxel]]:
-            label[voxel] = 0
-
-
-@njit(cache=True, nogil=True)
-def _grow(label: Any, neighbors: Any) -> None:
-    """Write labels into voxels without, ring by ring."""
-    waiting = np.flatnonzero(label == 0).astype(np.int32)
-    found = np.empty(len(waiting), np.uint8)
-    left = len(waiting)
+def _grow(label: Any, voxel: Any, around: Any) -> Any:
+    """Write labels into voxels without, ring by ring; return how many are not reached."""
+    waiting = np.arange(len(voxel))
+    found = np.empty(len(voxel), np.uint8)
+    left = len(voxel)
     changed = True
     while changed:
         changed = False
         for n in range(left):
             found[n] = 0
             for k in range(6):
-                other = neighbors[waiting[n], k]
+                other = around[waiting[n], k]
                 if other >= 0 and label[other]:
                     found[n] = label[other]
                     break
         still = 0
         for n in range(left):
-            voxel = waiting[n]
             if found[n]:
-                label[voxel] = found[n]
+                label[voxel[waiting[n]]] = found[n]
                 changed = True
             else:
-                waiting[still] = voxel
+                waiting[still] = waiting[n]
                 still += 1
         left = still
+    return left

@@ -20,6 +20,9 @@ from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
 NO_CAMERA = 255
 """The camera of a surface voxel whose color is not its own."""
 
+LEAST_RATIO = 1.0
+"""Logarithm of how much likelier a color is on hands or face than elsewhere that is skin."""
+
 NEEDED_JOINTS = ("Head", "Neck", "RShoulder", "LShoulder", "RFin", "LFin")
 """The joints of the initial model that say where skin is; wrists help where they are known."""
 
@@ -152,7 +155,7 @@ def skin_ratio(
 
 
 def is_skin(
-    model: SkinModel, color: NDArray[np.uint8], *, least_ratio: float = 1.0
+    model: SkinModel, color: NDArray[np.uint8], *, least_ratio: float = LEAST_RATIO
 ) -> NDArray[np.bool_]:
     """Return where colors (..., 3) are skin: e or more times as likely on hands or face.
 

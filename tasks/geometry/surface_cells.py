@@ -20,10 +20,10 @@ _RIM = 6
 class Cells:
     """The surface, gathered into cells."""
 
-    place: NDArray[np.int64]
-    """(cell, 3) in `number`, which has a rim of empty cells."""
-    number: NDArray[np.int32]
-    """(x, y, z) which cell, -1: none."""
+    place: NDArray[np.int32]
+    """(cell, 3) in a box that has a rim of empty cells, in order: x-major, then y, then z."""
+    column: NDArray[np.int32]
+    """(x, y + 1) how many cells are before a column along z; those of y to y + n are together."""
     size_m: float
     center: Floats
     """(cell, 3) mean of its voxels."""
@@ -49,29 +49,17 @@ def gather_cells(place: Floats, ratio: Floats, size_m: float) -> Cells:
     size_m
         Edge of a cell.
     """
-    index = np.floor(place / size_m).astype(np.int64)
-    index -= index.min(axis=0) - _RIM
-    shape = tuple(int(n) for n in index.max(axis=0) + _RIM + 1)
-    flat = np.ravel_multi_index(tuple(index.T), shape)
-    number = np.full(int(np.prod(shape)), -1, np.int32)
-    number[flat] = 0
-    kept = np.flatnonzero(number == 0)
-    number[kept] = np.arange(len(kept), dtype=np.int32)
-    tables = len(ratio)
-    center, count = np.zeros((len(kept), 3)), np.zeros(len(kept))
-    mass, hot = np.zeros((2, tables, len(kept)))
-    hot_center = np.zeros((tables, len(kept), 3))
-    _add(number[flat], place, ratio, (count, center), (mass, hot, hot_center))
-    return Cells(
-        np.stack(np.unravel_index(kept, shape), axis=1),
-        number.reshape(shape),
-        size_m,
-        center,
-        count,
-        mass,
-        hot,
-        hot_center,
-    )
+    place, ratio = np.ascontiguousarray(place, np.float64), np.ascontiguousarray(ratio, np.float64)
+    cell, where, column = _divide(place, float(size_m))
+    count, tables = len(where), len(ratio)
+    center, voxels = np.zeros((count, 3)), np.zeros(count)
+    mass, hot = np.zeros((2, tables, count))
+    hot_center = np.zeros((tables, count, 3))
+    _add(cell, place, center, voxels)
+    for table in range(tables):
+        _weigh(cell, place, ratio[table], mass[table], hot[table], hot_center[table])
+    _divide_sums(center, voxels, hot, hot_center)
+    return Cells(where, column, size_m, center, voxels, mass, hot, hot_center)
 
 
 def sum_balls(
@@ -104,8 +92,8 @@ def sum_balls(
         The weighted middle; the center where nothing has weight.
     """
     mass, middle = np.empty(len(near)), np.empty((len(near), 3))
-    wanted = (near, place, radius_m, cells.size_m, mass, middle)
-    _sum_balls(cells.number, cells.place, *weighed, wanted)
+    where = cells.place[near] + (place - cells.center[near]) / cells.size_m
+    _sum_balls(cells.column, weighed, place, where, (radius_m, cells.size_m), (mass, middle))
     return mass, middle
 
 
@@ -123,47 +111,97 @@ def find_ends(cells: Cells, least_m: float, apart_m: float, most: int) -> NDArra
     most
         Most ends.
     """
-    root = int(np.argmin(distances(cells.center, np.median(cells.center, axis=0))))
-    way = np.full(len(cells.place), np.inf)
-    _spread(cells.number, cells.place, cells.center, root, way)
-    peaks = np.empty(len(way), np.bool_)
-    _mark_peaks(cells.number, cells.place, way, peaks)
+    x, y, z = (cells.center - np.median(cells.center, axis=0)).T
+    root = int(np.argmin(np.sqrt(x * x + y * y + z * z)))
+    first, beside, length = _find_neighbors(cells.place, cells.column, cells.center)
+    way = _spread(first, beside, length, root)
+    peaks = _mark_peaks(cells.place, cells.column, first, beside, way)
     peaks &= way > least_m
-    found: list[int] = []
-    for cell in np.flatnonzero(peaks)[np.argsort(-way[peaks], kind="stable")]:
-        if (distances(cells.center[found], cells.center[cell]) > apart_m).all():
-            found.append(int(cell))
-        if len(found) == most:
-            break
-    return np.array(found, np.intp)
+    ends = np.flatnonzero(peaks)
+    return ends[choose_apart(cells.center[ends], way[ends], apart_m, most)]
 
 
-def distances(points: Floats, point: Floats) -> Floats:
-    """Return (point,) distances."""
-    x, y, z = (points - point).T
-    return np.sqrt(x * x + y * y + z * z)
+def choose_apart(place: Floats, worth: Floats, apart_m: float, most: int) -> NDArray[np.intp]:
+    """Return which of some places are worth most and farther than `apart_m` from each other.
+
+    The worthiest first, of equals the first; no more than `most`.
+    """
+    chosen = np.empty(most, np.intp)
+    order = np.argsort(-worth, kind="stable")
+    return chosen[: _choose(np.ascontiguousarray(place), order, apart_m, chosen)]
 
 
 @njit(cache=True, nogil=True)
-def _add(cell: Any, place: Any, ratio: Any, plain: Any, weighed: Any) -> None:
-    """Sum voxels into their cells, and divide to means: count and center; mass, hot, its center."""
-    count, center = plain
-    mass, hot, hot_center = weighed
+def _choose(place: Any, order: Any, apart: Any, chosen: Any) -> Any:
+    """Write the first places in order that are apart; return how many they are."""
+    found = 0
+    for n in order:
+        near = False
+        for k in range(found):
+            x, y, z = (
+                place[chosen[k], 0] - place[n, 0],
+                place[chosen[k], 1] - place[n, 1],
+                place[chosen[k], 2] - place[n, 2],
+            )
+            near |= not np.sqrt(x * x + y * y + z * z) > apart
+        if not near and found < len(chosen):
+            chosen[found] = n
+            found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _divide(place: Any, size: Any) -> Any:
+    """Return each voxel's cell, the cells' places in their box, and the box's columns."""
+    index = np.empty(place.shape, np.int32)
+    low, high = np.full(3, 2**31 - 1), np.full(3, -(2**31))
+    for v in range(len(place)):
+        for k in range(3):
+            index[v, k] = np.floor(place[v, k] / size)
+            low[k], high[k] = min(low[k], index[v, k]), max(high[k], index[v, k])
+    low -= _RIM
+    nx, ny, nz = high - low + _RIM + 1
+    number = np.full(nx * ny * nz, -1, np.int32)
+    flat = np.empty(len(place), np.int32)
+    for v in range(len(place)):
+        x, y, z = index[v, 0] - low[0], index[v, 1] - low[1], index[v, 2] - low[2]
+        flat[v] = (x * ny + y) * nz + z
+        number[flat[v]] = 0
+    column = np.empty((nx, ny + 1), np.int32)
+    where = np.empty((len(place), 3), np.int32)
+    count = 0
+    for x in range(nx):
+        for y in range(ny):
+            column[x, y] = count
+            begin = (x * ny + y) * nz
+            for z in range(nz):
+                if number[begin + z] == 0:
+                    number[begin + z] = count
+                    where[count, 0], where[count, 1], where[count, 2] = x, y, z
+                    count += 1
+        column[x, ny] = count
+    for v in range(len(place)):
+        flat[v] = number[flat[v]]
+    return flat, where[:count].copy(), column
+
+
+@njit(cache=True, nogil=True)
+def _add(cell: Any, place: Any, center: Any, voxels: Any) -> None:
+    """Sum voxels into their cells: places, and how many."""
     for v in range(len(cell)):
         c = cell[v]
-        count[c] += 1.0
         for k in range(3):
             center[c, k] += place[v, k]
-        for table in range(len(ratio)):
-            mass[table, c] += ratio[table, v]
-            if ratio[table, v] > 0.0:
-                hot[table, c] += ratio[table, v]
-                for k in range(3):
-                    hot_center[table, c, k] += ratio[table, v] * place[v, k]
-    for c in range(len(count)):
+        voxels[c] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def _divide_sums(center: Any, voxels: Any, hot: Any, hot_center: Any) -> None:
+    """Write means for sums; where nothing is hot, that of all voxels."""
+    for c in range(len(center)):
         for k in range(3):
-            center[c, k] /= count[c]
-            for table in range(len(ratio)):
+            center[c, k] /= voxels[c]
+            for table in range(len(hot)):
                 if hot[table, c] > 0.0:
                     hot_center[table, c, k] /= hot[table, c]
                 else:
@@ -171,92 +209,123 @@ def _add(cell: Any, place: Any, ratio: Any, plain: Any, weighed: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _sum_balls(number: Any, place: Any, center: Any, mass: Any, weight: Any, wanted: Any) -> None:
+def _weigh(cell: Any, place: Any, ratio: Any, mass: Any, hot: Any, hot_place: Any) -> None:
+    """Sum ratios into cells, those above 0, and places weighed with these."""
+    for v in range(len(cell)):
+        c, own = cell[v], ratio[v]
+        mass[c] += own
+        if own > 0.0:
+            hot[c] += own
+            for k in range(3):
+                hot_place[c, k] += own * place[v, k]
+
+
+@njit(cache=True, nogil=True)
+def _sum_balls(column: Any, weighed: Any, wanted: Any, where: Any, sizes: Any, sums: Any) -> None:
     """Sum the mass of the cells in balls, and find their weighted middle.
 
-    `wanted`: a cell near each ball's center, the center, radius and size of a cell, and what is
-    written: masses and middles, the center where there is no weight.
+    `weighed`: centers, masses and weights of the cells; `wanted` and `where`: each ball's center,
+    and where in the box of cells that is; `sizes`: radius of balls and size of a cell. Written are
+    masses and middles, the center where there is no weight.
     """
-    near, around, radius, size, total, middle = wanted
+    center, mass, weight = weighed
+    total, middle = sums
+    radius, size = sizes
     reach = radius / size
-    for s in range(len(near)):
+    for s in range(len(wanted)):
         # a cell's middle is anywhere in it: it may be one cell nearer than its place says
-        x0, y0, z0 = place[near[s]] + (around[s] - center[near[s]]) / size
+        x0, y0 = where[s, 0], where[s, 1]
         total[s] = 0.0
         sum_weight = mx = my = mz = 0.0
         x1, x2 = int(np.ceil(x0 - reach - 1.0)), int(x0 + reach + 1.0)
-        for x in range(max(x1, 0), min(x2 + 1, number.shape[0])):
+        for x in range(max(x1, 0), min(x2 + 1, len(column))):
             left = np.sqrt(max(reach**2 - max(abs(x - x0) - 1.0, 0.0) ** 2, 0.0))
-            y1, y2 = int(np.ceil(y0 - left - 1.0)), int(y0 + left + 1.0)
-            for y in range(max(y1, 0), min(y2 + 1, number.shape[1])):
-                rest = np.sqrt(max(left**2 - max(abs(y - y0) - 1.0, 0.0) ** 2, 0.0))
-                z1, z2 = int(np.ceil(z0 - rest - 1.0)), int(z0 + rest + 1.0)
-                for z in range(max(z1, 0), min(z2 + 1, number.shape[2])):
-                    n = number[x, y, z]
-                    if n < 0:
-                        continue
-                    dx = center[n, 0] - around[s, 0]
-                    dy = center[n, 1] - around[s, 1]
-                    dz = center[n, 2] - around[s, 2]
-                    if dx * dx + dy * dy + dz * dz < radius * radius:
-                        total[s] += mass[n]
-                        sum_weight += weight[n]
-                        mx += weight[n] * center[n, 0]
-                        my += weight[n] * center[n, 1]
-                        mz += weight[n] * center[n, 2]
+            y1 = max(int(np.ceil(y0 - left - 1.0)), 0)
+            y2 = min(int(y0 + left + 1.0) + 1, column.shape[1] - 1)
+            for n in range(column[x, min(y1, y2)], column[x, max(y2, 0)]):
+                dx = center[n, 0] - wanted[s, 0]
+                dy = center[n, 1] - wanted[s, 1]
+                dz = center[n, 2] - wanted[s, 2]
+                if dx * dx + dy * dy + dz * dz < radius * radius:
+                    total[s] += mass[n]
+                    sum_weight += weight[n]
+                    mx += weight[n] * center[n, 0]
+                    my += weight[n] * center[n, 1]
+                    mz += weight[n] * center[n, 2]
+        for k in range(3):
+            middle[s, k] = wanted[s, k]
         if sum_weight > 0.0:
             middle[s, 0] = mx / sum_weight
             middle[s, 1] = my / sum_weight
             middle[s, 2] = mz / sum_weight
-        else:
-            middle[s] = around[s]
 
 
 @njit(cache=True, nogil=True)
-def _spread(number: Any, place: Any, center: Any, root: Any, way: Any) -> None:
-    """Write the length of the shortest way over neighboring cells from the root to each cell."""
-    count = len(place)
+def _find_neighbors(where: Any, column: Any, center: Any) -> Any:
+    """Return each cell's first neighbor in a list (one more), the list, and how far these are."""
+    first = np.zeros(len(where) + 1, np.int32)
+    beside = np.empty(26 * len(where) + 1, np.int32)  # one more is written, and not kept
+    count = 0
+    for cell in range(len(where)):
+        x0, y0, z0 = where[cell, 0], where[cell, 1], where[cell, 2]
+        for x in range(x0 - 1, x0 + 2):
+            for n in range(column[x, y0 - 1], column[x, y0 + 2]):
+                beside[count] = n
+                count += n != cell and abs(where[n, 2] - z0) <= 1
+        first[cell + 1] = count
+    length = np.empty(count)
+    for cell in range(len(where)):
+        for k in range(first[cell], first[cell + 1]):
+            n = beside[k]
+            dx = center[n, 0] - center[cell, 0]
+            dy = center[n, 1] - center[cell, 1]
+            dz = center[n, 2] - center[cell, 2]
+            length[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    return first, beside[:count].copy(), length
+
+
+@njit(cache=True, nogil=True)
+def _spread(first: Any, beside: Any, length: Any, root: Any) -> Any:
+    """Return the length of the shortest way over neighboring cells from the root to each cell."""
+    count = len(first) - 1
+    way = np.full(count, np.inf)
     queue = np.empty(count, np.int32)
     waiting = np.zeros(count, np.bool_)
     queue[0] = root
     waiting[root] = True
     way[root] = 0.0
-    first, length = 0, 1
-    while length > 0:
-        cell = queue[first]
-        first = (first + 1) % count
-        length -= 1
+    begin, left = 0, 1
+    while left > 0:
+        cell = queue[begin]
+        begin = begin + 1 if begin + 1 < count else 0
+        left -= 1
         waiting[cell] = False
-        x0, y0, z0 = place[cell]
-        for x in range(x0 - 1, x0 + 2):
-            for y in range(y0 - 1, y0 + 2):
-                for z in range(z0 - 1, z0 + 2):
-                    n = number[x, y, z]
-                    if n < 0 or n == cell:
-                        continue
-                    dx = center[n, 0] - center[cell, 0]
-                    dy = center[n, 1] - center[cell, 1]
-                    dz = center[n, 2] - center[cell, 2]
-                    longer = way[cell] + np.sqrt(dx * dx + dy * dy + dz * dz)
-                    if longer < way[n] - 1e-9:
-                        way[n] = longer
-                        if not waiting[n]:
-                            waiting[n] = True
-                            queue[(first + length) % count] = n
-                            length += 1
+        for k in range(first[cell], first[cell + 1]):
+            n = beside[k]
+            longer = way[cell] + length[k]
+            if longer < way[n] - 1e-9:
+                way[n] = longer
+                if not waiting[n]:
+                    waiting[n] = True
+                    queue[(begin + left) % count] = n
+                    left += 1
+    return way
 
 
 @njit(cache=True, nogil=True)
-def _mark_peaks(number: Any, place: Any, way: Any, peaks: Any) -> None:
-    """Mark the cells that are reached and farther than each neighbor within two cells."""
-    for cell in range(len(place)):
-        peaks[cell] = np.isfinite(way[cell])
-        x0, y0, z0 = place[cell]
-        for x in range(x0 - 2, x0 + 3):
-            if not peaks[cell]:
-                break
-            for y in range(y0 - 2, y0 + 3):
-                for z in range(z0 - 2, z0 + 3):
-                    n = number[x, y, z]
-                    if n >= 0 and way[n] > way[cell] and np.isfinite(way[n]):
-                        peaks[cell] = False
+def _mark_peaks(where: Any, column: Any, first: Any, beside: Any, way: Any) -> Any:
+    """Return which cells are reached and farther than each neighbor within two cells."""
+    peaks = np.empty(len(where), np.bool_)
+    for cell in range(len(where)):
+        own = way[cell]
+        is_peak = np.isfinite(own)
+        for k in range(first[cell], first[cell + 1]):  # most are no peak beside these
+            is_peak &= not (way[beside[k]] > own and np.isfinite(way[beside[k]]))
+        if is_peak:
+            x0, y0, z0 = where[cell, 0], where[cell, 1], where[cell, 2]
+            for x in range(x0 - 2, x0 + 3):
+                for n in range(column[x, y0 - 2], column[x, y0 + 3]):
+                    near = abs(where[n, 2] - z0) <= 2
+                    is_peak &= not (near and way[n] > own and np.isfinite(way[n]))
+        peaks[cell] = is_peak
+    return peaks

@@ -54,7 +54,7 @@ def learn_looks(
 
 
 def draw_samples(runs: VoxelRuns, surfaces: Surfaces | None, most: int) -> list[Drawn]:
-    """Return an even sample of the voxels of every frame, in order.
+    """Return an even sample of the voxels of every frame, along a curve that keeps near ones near.
 
     Parameters
     ----------
@@ -77,7 +77,21 @@ def draw_samples(runs: VoxelRuns, surfaces: Surfaces | None, most: int) -> list[
             number = np.cumsum(is_surface)[chosen] - 1
             own = is_surface[chosen] & (camera[np.maximum(number, 0)] != NO_CAMERA)
             cell[own] = color_cells(color[number[own]])
-        return some, cell
+        order = np.argsort(_along_curve(some), kind="stable")
+        return some[order], cell[order]
 
     with ThreadPoolExecutor() as pool:
         return list(pool.map(draw, range(runs.frames)))
+
+
+def _along_curve(index: NDArray[np.integer]) -> NDArray[np.uint64]:
+    """Return (voxel,) how far along the Z-order curve (Morton 1966) voxels (voxel, 3) are."""
+    far = np.zeros(len(index), np.uint64)
+    for axis, bits in enumerate(index.T.astype(np.uint64)):
+        for shift, mask in (
+            (32, 0x001F00000000FFFF), (16, 0x001F0000FF0000FF), (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249),
+        ):  # fmt: skip
+            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+        far |= bits << np.uint64(axis)
+    return far

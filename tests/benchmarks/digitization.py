@@ -31,7 +31,8 @@ from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.importing import publish_take
-from tasks.posing import PosingSettings, fit_take, label_block, model_take
+from tasks.labeling import label_block
+from tasks.posing import PosingSettings, fit_take, model_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.studio import demo_performances
 

@@ -79,7 +79,7 @@ class FittedPoses:
 
 
 def fit_poses(
-    runs: VoxelRuns,
+    hulls: Sequence[VoxelRuns],
     grid: VoxelGrid,
     rate_hz: float,
     position: Floats,
@@ -95,8 +95,8 @@ def fit_poses(
 
     Parameters
     ----------
-    runs, grid
-        The hulls of the whole take.
+    hulls, grid
+        Of the whole take, a single frame each; they may be made when they are asked for.
     rate_hz
         Frames a second.
     position : (21, 3) float64
@@ -119,8 +119,8 @@ def fit_poses(
         If arrays do not fit the take, or a joint that is needed is missing.
     """
     settings = settings or PoseSettings()
-    joints = _check(runs, rate_hz, position, label, initial_frame, cues, cue_weights)
-    points = voxel_centers(grid, voxel_index(runs, initial_frame))
+    joints = _check(hulls, rate_hz, position, label, initial_frame, cues, cue_weights)
+    points = voxel_centers(grid, voxel_index(hulls[initial_frame], 0))
     left = (joints["LHip"] - joints["RHip"]) * (1.0, 0.0, 1.0)
     forward = np.cross(left / np.linalg.norm(left), (0.0, 1.0, 0.0))
     ends = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2}
@@ -134,13 +134,13 @@ def fit_poses(
         cues,
         cue_weights,
         initial_frame,
-        draw_samples(runs, surfaces, settings.sample),
+        draw_samples(hulls, surfaces, settings.sample),
         learn_looks(bone, surfaces, initial_frame, settings.most_likeness),
     )
-    there = follow(take, range(initial_frame, runs.frames), rest_pose(model.origin))
+    there = follow(take, range(initial_frame, len(hulls)), rest_pose(model.origin))
     before = follow(take, range(initial_frame, -1, -1), rest_pose(model.origin))
     first = [*before[:0:-1], *there]
-    again = follow(take, range(runs.frames - 1, -1, -1), first[-1].pose)[::-1]
+    again = follow(take, range(len(hulls) - 1, -1, -1), first[-1].pose)[::-1]
     merged = merge(take, first, again)
     for _ in range(settings.joint_rounds):
         take = replace(take, model=settle_centers(take, merged))
@@ -188,7 +188,7 @@ def _describe(take: Fitting, fits: Sequence[Fit], placed: Floats, origin: Floats
 
 
 def _check(
-    runs: VoxelRuns,
+    hulls: Sequence[VoxelRuns],
     rate_hz: float,
     position: Floats,
     label: NDArray[np.integer],
@@ -199,9 +199,9 @@ def _check(
     """Return the joints of the initial model by name, complete."""
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ValueError(f"rate_hz {rate_hz} must be positive; give frames a second")
-    if not 0 <= initial_frame < runs.frames:
+    if not 0 <= initial_frame < len(hulls):
         raise ValueError(
-            f"initial_frame {initial_frame} is not one of the take's {runs.frames} frames; give "
+            f"initial_frame {initial_frame} is not one of the take's {len(hulls)} frames; give "
             "the frame that the initial model is of"
         )
     if position.shape != (len(JOINTS), 3):
@@ -209,15 +209,15 @@ def _check(
             f"position has shape {position.shape}, but ({len(JOINTS)}, 3) is wanted: give the "
             "joints of the initial model in the order of the archive"
         )
-    voxels = int(runs.length[runs.offset[initial_frame] : runs.offset[initial_frame + 1]].sum())
+    voxels = int(hulls[initial_frame].length.sum(dtype=np.int64))
     if label.shape != (voxels,):
         raise ValueError(
             f"label has shape {label.shape}, but frame {initial_frame} has {voxels} voxels; give "
             "a label for each"
         )
     for name, value, shape in (
-        ("cues", cues, (runs.frames, 5, 3)),
-        ("cue_weights", cue_weights, (runs.frames, 5)),
+        ("cues", cues, (len(hulls), 5, 3)),
+        ("cue_weights", cue_weights, (len(hulls), 5)),
     ):
         if value is not None and value.shape != shape:
             raise ValueError(

@@ -31,7 +31,7 @@ from tasks.geometry.doubts import cut_off_at, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities
 from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
-from tasks.geometry.voxels import join_runs, voxel_centers
+from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
 from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
@@ -228,13 +228,26 @@ class _Surfaces(Sequence[SurfaceFrame]):
         return SurfaceFrame(center, color, camera)
 
 
+class _Hulls(Sequence[VoxelRuns]):
+    """The hulls of a take, a single frame each, read when they are asked for."""
+
+    def __init__(self, frames: VoxelFrames) -> None:
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, frame: Any) -> Any:
+        return self._frames.hull(frame)
+
+
 def _fit_jointly(
     source: Capture, frames: VoxelFrames, start: dict[str, NDArray], initial_frame: int,
     seen: Extremities, settings: PosingSettings,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
     fitted = fit_poses(
-        join_runs(list(frames.hulls(0, len(frames)))),
+        _Hulls(frames),
         frames.grid,
         source.fps,
         start["position"],

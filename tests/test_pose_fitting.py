@@ -8,7 +8,7 @@ from tasks.geometry import articulated, blobs, limb_search
 from tasks.geometry.articulated import BONES, PARENT, SEGMENT, Pose
 from tasks.geometry.blob_fitting import FitSettings, Target, fit_frame, miss, weigh, worth
 from tasks.geometry.fit_model import bones_of_voxels, make_model
-from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers, voxel_index
+from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_centers, voxel_index
 from tasks.pose_fitting import fit_poses, fitted_blobs
 
 B = BONES.index
@@ -363,10 +363,14 @@ def waving():
     return encode_runs(occupied), position, figures
 
 
+def hulls_of(runs):
+    return [take_frame(runs, frame) for frame in range(runs.frames)]
+
+
 @pytest.mark.slow
 def test_a_waving_figure_is_followed_through_an_empty_frame(waving):
     runs, position, figures = waving
-    fitted = fit_poses(runs, GRID, 30.0, position[0], figures[0][2])
+    fitted = fit_poses(hulls_of(runs), GRID, 30.0, position[0], figures[0][2])
     away = np.linalg.norm(fitted.position - position, axis=2)
     assert away[[0, 1, 2, 3, 4, 7, 8]].max() < 0.05
     assert away.max() < 0.15
@@ -413,16 +417,16 @@ def test_arguments_that_do_not_fit_are_named(waving):
     runs, position, figures = waving
     label = figures[0][2]
     with pytest.raises(ValueError, match=r"rate_hz -1\.0 must be positive"):
-        fit_poses(runs, GRID, -1.0, position[0], label)
+        fit_poses(hulls_of(runs), GRID, -1.0, position[0], label)
     with pytest.raises(ValueError, match="initial_frame 9 is not one of the take's 9 frames"):
-        fit_poses(runs, GRID, 30.0, position[0], label, initial_frame=9)
+        fit_poses(hulls_of(runs), GRID, 30.0, position[0], label, initial_frame=9)
     with pytest.raises(ValueError, match=r"position has shape \(20, 3\)"):
-        fit_poses(runs, GRID, 30.0, position[0, 1:], label)
+        fit_poses(hulls_of(runs), GRID, 30.0, position[0, 1:], label)
     with pytest.raises(ValueError, match="give a label for each"):
-        fit_poses(runs, GRID, 30.0, position[0], label[1:])
+        fit_poses(hulls_of(runs), GRID, 30.0, position[0], label[1:])
     with pytest.raises(ValueError, match="cues has shape"):
-        fit_poses(runs, GRID, 30.0, position[0], label, cues=np.zeros((9, 2, 3)))
+        fit_poses(hulls_of(runs), GRID, 30.0, position[0], label, cues=np.zeros((9, 2, 3)))
     missing = position[0].copy()
     missing[JOINTS.index("RKnee")] = np.nan
     with pytest.raises(ValueError, match="has no RKnee; place"):
-        fit_poses(runs, GRID, 30.0, missing, label)
+        fit_poses(hulls_of(runs), GRID, 30.0, missing, label)

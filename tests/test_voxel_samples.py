@@ -26,7 +26,9 @@ def take():
 
 def test_each_voxel_has_its_own_color(take):
     occupied, frames = take
-    drawn = draw_samples(encode_runs(occupied), lambda frame: frames[frame], 40)
+    drawn = draw_samples(
+        [encode_runs(each[None]) for each in occupied], lambda frame: frames[frame], 40
+    )
     known = 0
     for frame, (index, cell) in enumerate(drawn):
         is_surface, color, camera = frames[frame]
@@ -46,7 +48,7 @@ def test_each_voxel_has_its_own_color(take):
 
 def test_without_surfaces_no_color_is_known(take):
     occupied, _ = take
-    drawn = draw_samples(encode_runs(occupied), None, 40)
+    drawn = draw_samples([encode_runs(each[None]) for each in occupied], None, 40)
     assert (np.concatenate([cell for _, cell in drawn]) == -1).all()
     looks = learn_looks(np.zeros(0, int), None, 0, 5.0)
     assert (looks == 1).all()
@@ -66,7 +68,7 @@ def test_what_is_not_known_and_what_is_not_the_bodys_says_nothing(take):
 
 def test_a_sample_goes_along_the_z_order_curve(take):
     occupied, _ = take
-    index, _ = draw_samples(encode_runs(occupied), None, 1000)[0]
+    index, _ = draw_samples([encode_runs(each[None]) for each in occupied], None, 1000)[0]
 
     def interleaved(voxel):
         bits = "".join(

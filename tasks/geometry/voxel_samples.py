@@ -1,6 +1,6 @@
 """Samples of a take's voxels with their colors, and what colors say of bones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -53,13 +53,13 @@ def learn_looks(
     return looks
 
 
-def draw_samples(runs: VoxelRuns, surfaces: Surfaces | None, most: int) -> list[Drawn]:
+def draw_samples(hulls: Sequence[VoxelRuns], surfaces: Surfaces | None, most: int) -> list[Drawn]:
     """Return an even sample of the voxels of every frame, along a curve that keeps near ones near.
 
     Parameters
     ----------
-    runs
-        The hulls of a take.
+    hulls
+        Of a take, a single frame each; each is asked for once, so it may be made then.
     surfaces
         Their colored surfaces; without them no color is known.
     most
@@ -67,7 +67,7 @@ def draw_samples(runs: VoxelRuns, surfaces: Surfaces | None, most: int) -> list[
     """
 
     def draw(frame: int) -> Drawn:
-        index = voxel_index(runs, frame)
+        index = voxel_index(hulls[frame], 0)
         step = max(1, len(index) // most)
         chosen = slice(step // 2, None, step)
         some = index[chosen].astype(np.int16)
@@ -81,7 +81,7 @@ def draw_samples(runs: VoxelRuns, surfaces: Surfaces | None, most: int) -> list[
         return some[order], cell[order]
 
     with ThreadPoolExecutor() as pool:
-        return list(pool.map(draw, range(runs.frames)))
+        return list(pool.map(draw, range(len(hulls))))
 
 
 def _along_curve(index: NDArray[np.integer]) -> NDArray[np.uint64]:

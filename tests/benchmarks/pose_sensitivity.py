@@ -94,7 +94,7 @@ class Dancer:
         """Return mean error and lost share with these settings."""
         found, seen = self.model(settings.initial), self.extremities(settings)
         fitted = fit_poses(
-            join_runs(self.runs), self.grid, self.rate_hz, found.position, found.label,
+            self.runs, self.grid, self.rate_hz, found.position, found.label,
             initial_frame=found.frame, cues=seen.position, cue_weights=seen.weight,
             settings=settings.joint,
         )  # fmt: skip

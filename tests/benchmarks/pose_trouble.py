@@ -16,6 +16,8 @@ from storage.formats.calibration_toml import write_calibration
 from storage.formats.capture import read_capture
 from storage.formats.video import open_video, read_frames
 from storage.formats.video_writing import write_video
+from tasks.capture_films import read_films
+from tasks.geometry.silhouette_pixels import take_pixels
 from tests.benchmarks.pose_runs import Voxels, make_voxels
 
 BLOBS, RADIUS_PX = 6, (1.5, 4.0)
@@ -24,7 +26,10 @@ MOVED_PX = 1.0
 
 
 def spoil_silhouettes(voxels: Voxels, block: dict[str, Any]) -> dict[str, Any]:
-    """Return a block of silhouettes with holes, bites and bumps instead of the one given."""
+    """Return a block of silhouettes with holes, bites and bumps instead of the one given.
+
+    What was filmed in them comes along, as in the block of `extract_block`.
+    """
     begun = time.monotonic()
     packed = read_block(voxels.place, block)["silhouette"]
     columns = voxels.source.cameras[0].width
@@ -33,8 +38,15 @@ def spoil_silhouettes(voxels: Voxels, block: dict[str, Any]) -> dict[str, Any]:
     for frame in bits:
         for silhouette in frame:
             _flip_blobs(silhouette, rng)
-    arrays = {"silhouette": np.packbits(bits, axis=-1)}
+    spoilt = np.packbits(bits, axis=-1)
     frames = (block["start"], block["end"])
+    color = [
+        take_pixels(silhouette, image)
+        for first, films in read_films(voxels.source, *frames)
+        for time_, images in enumerate(zip(*films, strict=True), first - block["start"])
+        for silhouette, image in zip(spoilt[time_], images, strict=True)
+    ]
+    arrays = {"silhouette": spoilt, "color": np.concatenate(color)}
     return write_block(voxels.place, f"{block['path']}.spoilt", frames, arrays, begun)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.geometry.label_regions import first_of
 from tasks.geometry.skin import LEAST_RATIO, NO_CAMERA
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
@@ -185,17 +186,8 @@ def _join_near(index: Any, first: Any) -> None:
                 c = i * sides + j - low
                 for m in range(column[c], min(column[c + 1], n)):
                     if (y - j) ** 2 + (z - index[m, 2]) ** 2 <= most:
-                        a, b = _first_of(first, n), _first_of(first, m)
+                        a, b = first_of(first, n), first_of(first, m)
                         first[max(a, b)] = min(a, b)
-
-
-@njit(cache=True, nogil=True)
-def _first_of(first: Any, voxel: Any) -> Any:
-    """Return the voxel that stands for one, and shorten the way there."""
-    while first[voxel] != voxel:
-        first[voxel] = first[first[voxel]]
-        voxel = first[voxel]
-    return voxel
 
 
 @njit(cache=True, nogil=True)

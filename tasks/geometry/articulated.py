@@ -110,7 +110,7 @@ def blend(poses: Sequence[Pose], weights: Floats, near: Pose) -> Pose:
 
 
 @njit(cache=True, nogil=True)
-def _times(a: Any, b: Any) -> Any:
+def times(a: Any, b: Any) -> Any:
     """Return a b: for three by three, a call of the library costs more than the product."""
     out = np.zeros((3, 3))
     for i in range(3):
@@ -121,7 +121,7 @@ def _times(a: Any, b: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _over(a: Any, b: Any) -> Any:
+def over(a: Any, b: Any) -> Any:
     """Return a b' of three by three."""
     out = np.zeros((3, 3))
     for i in range(3):
@@ -206,7 +206,7 @@ def _local(rotation: Any, k: int) -> Any:
     """Return a bone's rotation relative to its parent's."""
     if PARENT[k] < 0:
         return rotation[k].copy()
-    return _times(rotation[PARENT[k]].T, rotation[k])
+    return times(rotation[PARENT[k]].T, rotation[k])
 
 
 @njit(cache=True, nogil=True)
@@ -214,10 +214,10 @@ def _extrapolate(before: Any, now: Any, share: Any, out: Any) -> None:
     """Write the rotations after `now`, each bone's motion in its parent's frame going on."""
     for k in ORDER:
         here = _local(now, k)
-        turned = _vector(_over(here, _local(before, k)))
+        turned = _vector(over(here, _local(before, k)))
         go = share[1] if PARENT[k] < 0 else share[0]
-        ahead = _times(_rotation(go * turned), here)
-        out[k] = ahead if PARENT[k] < 0 else _times(out[PARENT[k]], ahead)
+        ahead = times(_rotation(go * turned), here)
+        out[k] = ahead if PARENT[k] < 0 else times(out[PARENT[k]], ahead)
 
 
 @njit(cache=True, nogil=True)
@@ -226,8 +226,8 @@ def _average(rotations: Any, share: Any, out: Any) -> None:
     for k in range(out.shape[0]):
         step = np.zeros(3)
         for p in range(rotations.shape[0]):
-            step += share[p] * _vector(_over(rotations[p, k], out[k]))
-        out[k] = _times(_rotation(step), out[k])
+            step += share[p] * _vector(over(rotations[p, k], out[k]))
+        out[k] = times(_rotation(step), out[k])
 
 
 @njit(cache=True, nogil=True)
@@ -307,7 +307,7 @@ def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: A
     for k in ORDER:
         here = _local(rotation, k)
         frame = np.eye(3) if PARENT[k] < 0 else rotation[PARENT[k]]
-        step = _vector(_over(_local(ahead, k), here))
+        step = _vector(over(_local(ahead, k), here))
         _add_turn(k, _on(frame, step), stiffness[k, 0], normal, right)
         _add_turn(k, -_on(frame, _vector(here)), stiffness[k, 1], normal, right)
         for limit in limits:
@@ -335,4 +335,4 @@ def move(step: Any, rotation: Any, turned: Any) -> None:
         total[k] = step[3 + 3 * k : 6 + 3 * k]
         if PARENT[k] >= 0:
             total[k] += total[PARENT[k]]
-        turned[k] = _times(_rotation(total[k]), rotation[k])
+        turned[k] = times(_rotation(total[k]), rotation[k])

@@ -123,8 +123,7 @@ def fit_frame(
     root, rotation = start.root.copy(), start.rotation.copy()
     mass = np.empty(len(model.blobs.bone))
     likelihood = _climb(
-        (voxels.count, voxels.points, voxels.likeness, voxels.boxes),
-        (model.origin, model.body, model.blobs.share, model.weight, model.kind),
+        *_pack(model, voxels),
         (root, rotation),
         (ahead.root, ahead.rotation, stiffness, limits),
         _gather(targets),
@@ -140,6 +139,14 @@ def fit_frame(
     whole = np.bincount(blobs.bone, blobs.share, len(BONES))
     relative = likelihood - np.log(settings.nobody)
     return Fit(Pose(root, rotation), relative, held / np.maximum(whole, 1e-9))
+
+
+def _pack(model: FitModel, voxels: Voxels) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return voxels and body as `weigh` takes them."""
+    return (
+        (voxels.count, voxels.points, voxels.likeness, voxels.boxes),
+        (model.origin, model.body, model.blobs.share, model.weight, model.kind),
+    )
 
 
 def _gather(targets: Sequence[Target]) -> tuple[Any, ...]:
@@ -272,8 +279,7 @@ def _weigh_pose(model: FitModel, voxels: Voxels, pose: Pose, settings: FitSettin
     evidence = np.empty((own, 3, 3)), np.empty((own, 3))
     joints = place_bones(pose, model.origin)
     weigh(
-        (voxels.count, voxels.points, voxels.likeness, voxels.boxes),
-        (model.origin, model.body, model.blobs.share, model.weight, model.kind),
+        *_pack(model, voxels),
         joints,
         pose.rotation,
         1.0,

@@ -15,6 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
+from tasks.geometry.articulated import over, times
+
 Floats = NDArray[np.float64]
 
 _BLOCK = 64  # voxels in order: they lie together, so that few blobs reach into their box
@@ -267,8 +269,8 @@ def place_blobs(body: Any, joints: Any, rotation: Any, widening: float, placed: 
             for j in range(3):
                 mean[b, i] += rotated[i, j] * offset[b, j]
         if b < turning:
-            turned[b] = _conjugate(rotated, inverse[b])
-            spread = _conjugate(rotated, covariance[b])
+            turned[b] = over(times(rotated, inverse[b]), rotated)
+            spread = over(times(rotated, covariance[b]), rotated)
         else:
             turned[b] = inverse[b]
             spread = covariance[b]
@@ -276,18 +278,3 @@ def place_blobs(body: Any, joints: Any, rotation: Any, widening: float, placed: 
             half[b, i] = widening * np.sqrt(_FARTHEST * spread[i, i])
             for j in range(3):
                 turned[b, i, j] /= widening**2
-
-
-@njit(cache=True, nogil=True)
-def _conjugate(rotation: Any, matrix: Any) -> Any:
-    """Return R M R'."""
-    half, whole = np.zeros((3, 3)), np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                half[i, j] += rotation[i, k] * matrix[k, j]
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                whole[i, j] += half[i, k] * rotation[j, k]
-    return whole

@@ -179,7 +179,7 @@ def _find_regions(stretch: Any, column: Any, beside: Any) -> Any:
             region[s] = count
             count += 1
         else:  # it was joined to an earlier one, which has its region by now
-            region[s] = region[_first_of(first, s)]
+            region[s] = region[first_of(first, s)]
         size[region[s]] += stretch[s, _END] - stretch[s, _Z]
     return region, size[:count]
 
@@ -195,18 +195,18 @@ def _join(stretch: Any, column: Any, own: Any, other: Any, first: Any) -> None:
         t = begin
         while t < end and stretch[t, _Z] < stop:
             if value and stretch[t, _VALUE] == value:
-                a, b = _first_of(first, s), _first_of(first, t)
+                a, b = first_of(first, s), first_of(first, t)
                 first[max(a, b)] = min(a, b)
             t += 1
 
 
 @njit(cache=True, nogil=True)
-def _first_of(first: Any, stretch: Any) -> Any:
-    """Return the stretch that stands for one, and shorten the way there."""
-    while first[stretch] != stretch:
-        first[stretch] = first[first[stretch]]
-        stretch = first[stretch]
-    return stretch
+def first_of(first: Any, one: Any) -> Any:
+    """Return what stands for one of some things that were joined, and shorten the way there."""
+    while first[one] != one:
+        first[one] = first[first[one]]
+        one = first[one]
+    return one
 
 
 @njit(cache=True, nogil=True)

@@ -108,8 +108,8 @@ def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) ->
 
     def measure(feet: list[Points]) -> list[Leg]:
         return [
-            measure_leg(foot, hip, arms.front, depths, trunk.stature_m)
-            for foot, hip in zip(feet, hips, strict=True)
+            measure_leg(foot, hip, arms.front, inward, depths, trunk.stature_m)
+            for foot, hip, inward in zip(feet, hips, (arms.left, -arms.left), strict=True)
         ]
 
     ways = [measure(feet), measure(feet[::-1])]

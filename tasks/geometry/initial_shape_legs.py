@@ -23,7 +23,13 @@ FOOT_HEIGHT = 0.06
 SOLE_HEIGHT = 0.014
 """Of heel and toe above the floor, in statures."""
 KNEE_ASIDE = 0.03
-"""How far a knee usually is beside the plane of hip, ankle and facing, in statures."""
+"""How far a knee usually is beside the plane of hip, ankle and where it bends, in statures."""
+TOE_OUT = 10.0
+"""Degrees that a foot points farther outwards than its knee bends: the thigh-foot angle of adults
+(Staheli et al. 1985)."""
+TURNED_OUT, TURNED_OUT_SPREAD = 15.0, 20.0
+"""Degrees that a foot is turned out from where the performer faces: 7 in walking (Seber et al.
+2000), 60 in a dancer's first positions."""
 INSIDE = 0.03
 """Depth in the hull, in statures, from which a bone counts as inside: a shank's radius."""
 
@@ -38,7 +44,7 @@ class Leg:
     heel: Points
     toe: Points
     cost: float
-    """How badly the knee fits lengths and hull: of a usual leg 0.1 to 2."""
+    """How badly the knee fits lengths and hull, and the foot its side: of a usual leg 0.1 to 3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +108,24 @@ def _two_pieces(point: Points, voxel_m: float) -> list[Points] | None:
     return [point[piece == order[k]] for k in range(2)]
 
 
-def measure_leg(foot: Points, hip: Points, front: Points, depths: Depths, stature_m: float) -> Leg:
-    """Return a leg from a foot's voxels (voxel, 3) and its hip joint, facing `front`."""
+def measure_leg(
+    foot: Points, hip: Points, front: Points, inward: Points, depths: Depths, stature_m: float
+) -> Leg:
+    """Return a leg from a foot's voxels (voxel, 3) and its hip joint.
+
+    `front` is where the performer faces, `inward` where the other leg is: horizontal unit vectors.
+    """
     toe, heel = _foot_ends(foot, front, stature_m)
     along = (toe - heel) * [1.0, 0.0, 1.0]
     along /= max(float(np.linalg.norm(along)), 1e-9)
     ankle = heel + 0.25 * FOOT_LENGTH * stature_m * along
     ankle[1] = foot[:, 1].min() + ANKLE_HEIGHT * stature_m
-    knee, cost = _find_knee(hip, ankle, front, depths, stature_m)
-    return Leg(hip, knee, ankle, heel, toe, cost)
+    out = np.degrees(np.arctan2(-along @ inward, along @ front))
+    bends = np.radians(out - TOE_OUT)
+    ahead = np.cos(bends) * front - np.sin(bends) * inward
+    knee, cost = _find_knee(hip, ankle, ahead, depths, stature_m)
+    cost += ((out - TURNED_OUT) / TURNED_OUT_SPREAD) ** 2
+    return Leg(hip, knee, ankle, heel, toe, float(cost))
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from tasks.geometry.initial_shape_legs import measure_depths, measure_leg
+
+ORIGIN = np.array([-0.5, 0.01, -0.5])
+CENTER = np.stack(np.meshgrid(*(np.arange(100),) * 3, indexing="ij"), -1) * 0.01 + ORIGIN
+FRONT, LEFT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+STATURE = 1.66
+
+
+def foot_of(ankle, out_degrees, outward=LEFT):
+    """Return the voxels of a foot that is turned out from FRONT."""
+    out = np.radians(out_degrees)
+    along = np.cos(out) * FRONT + np.sin(out) * outward
+    across = np.cross(along, [0.0, 1.0, 0.0])
+    return np.array(
+        [ankle * [1, 0, 1] + a * along + b * across + [0, height, 0]
+         for a in np.arange(-0.06, 0.2, 0.01) for b in (-0.03, 0, 0.03) for height in (0, 0.03)]
+    )  # fmt: skip
+
+
+def leg_of(hull, foot, hip, inward=-LEFT):
+    depths = measure_depths(hull.astype(np.uint8), ORIGIN, 0.01)
+    return measure_leg(foot, hip, FRONT, inward, depths, STATURE)
+
+
+def skirt_of(hip, ankle):
+    """Return an upright skirt, wide enough to tell nothing of where knees are."""
+    middle = (hip + ankle) / 2
+    away = np.linalg.norm((CENTER - middle) * [1, 0, 1], axis=-1)
+    return (away < 0.4) & (CENTER[..., 1] < hip[1] + 0.05)
+
+
+def test_a_knee_is_where_the_leg_bends():
+    hip, ankle = np.array([0.1, 0.85, 0.0]), np.array([0.12, 0.07, 0.0])
+    for knee in (np.array([0.22, 0.46, 0.02]), np.array([0.11, 0.46, 0.15])):
+        hull = np.zeros(CENTER.shape[:3], bool)
+        for a, b in ((hip, knee), (knee, ankle)):
+            share = np.clip((CENTER - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)[..., None]
+            hull |= np.linalg.norm(CENTER - a - share * (b - a), axis=-1) < 0.06
+        leg = leg_of(hull, foot_of(ankle, 0), hip)
+        assert np.linalg.norm(leg.knee - knee) < 0.035
+        assert np.linalg.norm(leg.toe - [0.12, 0.023, 0.19]) < 0.02
+
+
+@pytest.mark.parametrize(("side", "degrees"), [(1, 60), (1, 10), (1, -15), (-1, 60), (-1, -15)])
+def test_under_a_skirt_a_knee_bends_where_its_foot_points(side, degrees):
+    """Ten degrees farther inwards, by the thigh-foot angle, at a leg's lengths (cosine rule)."""
+    outward = side * LEFT
+    hip, ankle = 0.1 * outward + [0.0, 0.70, 0.0], 0.1 * outward + [0.0, 0.065, 0.0]
+    leg = leg_of(skirt_of(hip, ankle), foot_of(ankle, degrees, outward), hip, -outward)
+    bend = np.radians(degrees - 10)
+    ahead = np.cos(bend) * FRONT + np.sin(bend) * outward
+    thigh, shank, height = 0.238 * STATURE, 0.243 * STATURE, hip[1] - leg.ankle[1]
+    below = (thigh**2 + height**2 - shank**2) / (2 * height)
+    knee = hip - [0, below, 0] + np.sqrt(thigh**2 - below**2) * ahead
+    assert np.linalg.norm(leg.knee - knee) < 0.04
+
+
+def test_a_foot_that_is_turned_in_is_rather_the_other_one():
+    """Feet stand crossed, each turned out to its own side: that way round they cost less."""
+    hips = [0.1 * side * LEFT + [0.0, 0.80, 0.0] for side in (-1, 1)]
+    ankles = [-0.08 * side * LEFT + [0.0, 0.065, 0.05 * side] for side in (-1, 1)]
+    feet = [foot_of(ankle, 30, side * LEFT) for ankle, side in zip(ankles, (-1, 1), strict=True)]
+    hull = skirt_of(np.array([0.0, 0.8, 0.0]), np.zeros(3))
+    cost = [
+        sum(leg_of(hull, feet[foot], hips[n], (1 - 2 * n) * LEFT).cost for n, foot in enumerate(way))
+        for way in ((0, 1), (1, 0))
+    ]  # fmt: skip
+    assert cost[0] + 6 < cost[1]

@@ -64,8 +64,9 @@ def test_a_foot_that_is_turned_in_is_rather_the_other_one():
     ankles = [-0.08 * side * LEFT + [0.0, 0.065, 0.05 * side] for side in (-1, 1)]
     feet = [foot_of(ankle, 30, side * LEFT) for ankle, side in zip(ankles, (-1, 1), strict=True)]
     hull = skirt_of(np.array([0.0, 0.8, 0.0]), np.zeros(3))
-    cost = [
-        sum(leg_of(hull, feet[foot], hips[n], (1 - 2 * n) * LEFT).cost for n, foot in enumerate(way))
-        for way in ((0, 1), (1, 0))
-    ]  # fmt: skip
-    assert cost[0] + 6 < cost[1]
+
+    def cost(way):
+        inward = (LEFT, -LEFT)
+        return sum(leg_of(hull, feet[way[n]], hips[n], inward[n]).cost for n in range(2))
+
+    assert cost((0, 1)) + 6 < cost((1, 0))

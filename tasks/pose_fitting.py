@@ -32,6 +32,7 @@ from tasks.geometry.fit_model import FitModel, bones_of_voxels, make_model, plac
 from tasks.geometry.initial_shape_labels import complete_joints
 from tasks.geometry.voxel_samples import Surfaces, draw_samples, learn_looks
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
+from tasks.pose_hands import look_for_hands
 from tasks.pose_passes import Fitting, PoseSettings, follow, merge, settle, settle_centers
 
 Floats = NDArray[np.float64]
@@ -89,6 +90,7 @@ def fit_poses(
     surfaces: Surfaces | None = None,
     cues: Floats | None = None,
     cue_weights: Floats | None = None,
+    hand_ends: Sequence[Floats] | None = None,
     settings: PoseSettings | None = None,
 ) -> FittedPoses:
     """Return the pose of the body in every frame of a take.
@@ -112,6 +114,8 @@ def fit_poses(
         Where face, right and left hand, right and left foot were seen, m; NaN where they were not.
     cue_weights : (time, 5) float64
         How sure that is, 0 to 1.
+    hand_ends : sequence of (place, 3) float64
+        Of each frame, where else a hand could be, m.
 
     Raises
     ------
@@ -140,6 +144,8 @@ def fit_poses(
     there = follow(take, range(initial_frame, len(hulls)), rest_pose(model.origin))
     before = follow(take, range(initial_frame, -1, -1), rest_pose(model.origin))
     first = [*before[:0:-1], *there]
+    if hand_ends is not None:
+        take = look_for_hands(take, first, hand_ends)
     again = follow(take, range(len(hulls) - 1, -1, -1), first[-1].pose)[::-1]
     merged = merge(take, first, again)
     for _ in range(settings.joint_rounds):

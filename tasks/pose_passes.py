@@ -65,6 +65,17 @@ class PoseSettings:
     lost_distance: float = 0.09
     """A hand so far from where it was seen is looked for."""
 
+    free_end: float = 0.1
+    """An end of the hull so far from all that was fitted is free: a hand may be there."""
+
+    hand_missing: float = 0.1
+    """A hand at a free end that explains the voxels of a frame better by so much, in the mean
+    logarithm of their likelihoods, is there: 0.13 to 0.24 more where an arm had gone astray, and
+    in single frames under a kimono."""
+
+    hand_missing_s: float = 0.1
+    """For so long, at least."""
+
     swivels: int = 4
     """Places of the elbow that are tried when an arm is looked for."""
 

@@ -28,7 +28,7 @@ from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
 from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.doubts import cut_off_at, unexplained_share
-from tasks.geometry.extremities import Extremities, find_extremities
+from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
 from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
@@ -256,6 +256,7 @@ def _fit_jointly(
         surfaces=frames.surface,
         cues=np.concatenate([seen.position, seen.foot], axis=1),
         cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
+        hand_ends=hand_ends(seen.candidates),
         settings=settings.joint,
     )
     _, axes = local_systems(fitted.initial)

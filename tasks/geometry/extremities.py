@@ -206,6 +206,12 @@ def find_extremities(
     return replace(chosen, foot=foot, foot_weight=foot_weight)
 
 
+def hand_ends(candidates: Sequence[Candidates]) -> list[Floats]:
+    """Return the candidates (place, 3), m, of each frame that are ends or look like a hand."""
+    least = ExtremitySettings.some_skin
+    return [c.hand[c.hand_end | (c.hand_skin >= least)] for c in candidates]
+
+
 def choose_extremities(
     candidates: Sequence[Candidates],
     model: SkinModel,

@@ -1,0 +1,103 @@
+"""Find hands where voxels stick out that no limb was fitted to.
+
+Where a hand was seen may be something else of its color, or the other hand; an arm that was fitted
+there shares the voxels of the other one, and its own stick out unexplained. So arms are put, as a
+hypothesis, to ends of the hull that nothing was fitted to. What explains the frame so much better,
+for some frames on end, is where the hand is.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from tasks.geometry.articulated import Floats, place_bones
+from tasks.geometry.blob_fitting import Fit, fit_frame
+from tasks.geometry.fit_model import place_model
+from tasks.geometry.limb_search import LIMBS, reach_for
+from tasks.pose_passes import Fitting
+
+Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
+
+_HANDS = (1, 2)  # their places among the cues
+
+
+def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -> Fitting:
+    """Return the take with hands seen at free ends where these explain its frames better.
+
+    Parameters
+    ----------
+    take
+        With what was seen of hands.
+    fits
+        Of its frames, made with that.
+    ends
+        Of each frame, (place, 3), m, where a hand could be.
+    """
+    if take.cues is None:
+        return take
+    step = max(1, round(take.settings.hand_missing_s * take.rate_hz))
+    frames = range(take.frames)
+
+    def look(t: int) -> tuple[Floats | None, Floats | None]:
+        return _elsewhere(take, fits[t], t, ends[t])
+
+    with ThreadPoolExecutor() as pool:
+        found = dict(zip(frames[::step], pool.map(look, frames[::step]), strict=True))
+        begun = [t for t, hands in found.items() if any(hand is not None for hand in hands)]
+        near = {n for t in begun for n in range(t - step, t + step + 1)} & set(frames)
+        rest = sorted(near - set(found))
+        found |= dict(zip(rest, pool.map(look, rest), strict=True))
+    cues = take.cues.copy()
+    weights = np.ones(cues.shape[:2]) if take.cue_weights is None else take.cue_weights.copy()
+    for hand, cue in enumerate(_HANDS):
+        places = {t: hands[hand] for t, hands in found.items() if hands[hand] is not None}
+        for t in _lasting(sorted(places), step):
+            cues[t, cue], weights[t, cue] = places[t], 1.0
+    return replace(take, cues=cues, cue_weights=weights)
+
+
+def _elsewhere(
+    take: Fitting, fit: Fit, frame: int, ends: Floats
+) -> tuple[Floats | None, Floats | None]:
+    """Return where right and left hand are instead; None where nothing says so."""
+    assert take.cues is not None
+    model, settings = take.model, take.settings
+    best: list[tuple[float, Floats | None]] = [(settings.hand_missing, None)] * 2
+    free = _free_ends(take, fit, ends)
+    if not len(free):
+        return None, None
+    sample, joints = take.sample(frame), place_bones(fit.pose, model.origin)
+    for hand, limb in enumerate(LIMBS[:2]):
+        offset = take.cues[take.initial_frame, _HANDS[hand]] - model.origin[limb.end]
+        if not np.isfinite(offset).all():
+            continue
+        upper = np.linalg.norm(model.origin[limb.lower] - model.origin[limb.upper])
+        lower = np.linalg.norm(model.origin[limb.end] + offset - model.origin[limb.lower])
+        away = np.linalg.norm(free - joints[limb.upper], axis=1)
+        for place in free[away < 1.1 * (upper + lower)]:
+            for pose in reach_for(fit.pose, model.origin, limb, offset, place, settings.swivels):
+                other = fit_frame(
+                    model, sample, pose, pose, settings=settings.fit, steps=3, widening=1.2
+                )
+                gain = other.likelihood - fit.likelihood
+                if gain > best[hand][0]:
+                    best[hand] = (gain, place)
+    (right_gain, right), (left_gain, left) = best
+    if right is not None and left is not None and (right == left).all():
+        return (right, None) if right_gain >= left_gain else (None, left)
+    return right, left
+
+
+def _free_ends(take: Fitting, fit: Fit, ends: Floats) -> Floats:
+    """Return the ends (place, 3) of a frame that no blob is near to."""
+    mean, _ = place_model(take.model, fit.pose)
+    away = np.linalg.norm(ends[:, None] - mean, axis=2)
+    return ends[away.min(axis=1, initial=np.inf) > take.settings.free_end * take.model.stature]
+
+
+def _lasting(frames: Sequence[int], least: int) -> list[int]:
+    """Return the frames (ascending) that are in runs of at least so many on end."""
+    runs = np.split(np.array(frames, int), np.flatnonzero(np.diff(frames) > 1) + 1)
+    return [int(t) for run in runs if len(run) >= least for t in run]

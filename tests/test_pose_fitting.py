@@ -66,6 +66,7 @@ def _model_of(figure, runs):
     return make_model(points, bones_of_voxels(points, label, joints, forward), joints, forward)
 
 
+@pytest.mark.compiled  # fifty turns of fitting
 def test_a_fit_climbs(waving):
     """Each turn explains the voxels better, until the pose is that of the figure."""
     runs, _, figures = waving

@@ -1,9 +1,5 @@
-import dataclasses
-
 import numpy as np
 import pytest
-from scipy import ndimage
-from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.formats.capture import read_capture
@@ -11,14 +7,10 @@ from storage.formats.footage import read_picture
 from storage.formats.video import open_video, read_blocks
 from storage.schema import JOINTS
 from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.filming import stretch_arms_first
 from tasks.geometry.background import make_background
-from tasks.geometry.bodies import pose_surface
-from tasks.geometry.choreography import freely, okuri48
-from tasks.geometry.initial_shape import measure_arms
-from tasks.geometry.initial_shape_labels import complete_joints, label_points
+from tasks.geometry.choreography import freely
 from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import VoxelGrid, encode_runs, volume_grid, voxel_centers, voxel_index
+from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
 from tasks.initial_model import (
     InitialModelSettings,
     draw_initial_model,
@@ -27,53 +19,26 @@ from tasks.initial_model import (
     model_from_joints,
 )
 from tasks.silhouettes import extract_silhouettes
-from tasks.studio import SH, TK, generate_performance
+from tasks.studio import TK, generate_performance
+from tests.initial_figures import (
+    GRID,
+    LIMBS,
+    VOXEL,
+    about_y,
+    errors_mm,
+    figure_of,
+    label_accuracy,
+    runs_of,
+    stretched_body,
+    with_arms,
+)
 
-VOXEL = 0.02
-GRID = VoxelGrid((-1.39, 0.01, -1.49), VOXEL, (140, 100, 150))
-LIMBS = ("Shoulder", "Elbow", "Fin", "Hip", "Knee", "Foot")
-SCORED = ("Head", "Neck", *(side + limb for side in "RL" for limb in LIMBS))
 TURNED = {side: [JOINTS.index(j) for j in JOINTS if j[0] == side] for side in "RL"}
-
-
-@dataclasses.dataclass
-class Figure:
-    """A generated performer: its voxels, the colors of its surface, and what is true."""
-
-    occupied: np.ndarray
-    surfaces: list
-    joints: np.ndarray
-    vertex: np.ndarray
-    segment: np.ndarray
-
-
-def figure_of(position, clothes):
-    """Return one frame (21, 3) as voxels, by sampling the triangles and filling what they hold."""
-    surface = pose_surface(dict(zip(JOINTS, position[:, None], strict=True)), clothes=clothes)
-    corners = surface.vertex[0, surface.triangle].astype(float)
-    steps = [(a, b) for a in np.linspace(0, 1, 9) for b in np.linspace(0, 1, 9) if a + b <= 1]
-    weight = np.array([(a, b, 1 - a - b) for a, b in steps])
-    sample = np.einsum("wk,tkx->twx", weight, corners).reshape(-1, 3)
-    color = np.repeat(surface.color, len(weight), axis=0)
-    index = np.rint((sample - GRID.origin_m) / VOXEL).astype(int)
-    inside = ((index >= 0) & (index < GRID.shape)).all(axis=1)
-    shell = np.zeros(GRID.shape, bool)
-    shell[tuple(index[inside].T)] = True
-    occupied = np.stack([ndimage.binary_fill_holes(layer) for layer in np.moveaxis(shell, 1, 0)], 1)
-    body = ~surface.is_cloth
-    return Figure(
-        occupied,
-        [(index[inside][::7], color[inside][::7])],
-        position,
-        surface.vertex[0, body].astype(float),
-        surface.segment[body],
-    )
 
 
 @pytest.fixture(scope="module")
 def stretched():
-    danced = generate_performance([okuri48()], SH, rate_hz=3.0, heading=0.7).position
-    return stretch_arms_first(danced, 3.0, still_s=0.4, blend_s=0.0)[0]
+    return stretched_body()
 
 
 @pytest.fixture(scope="module", params=["fitting", "kimono"])
@@ -84,22 +49,6 @@ def figure(request, stretched):
 @pytest.fixture(scope="module")
 def found(figure):
     return find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
-
-
-def runs_of(*frames):
-    return encode_runs(np.stack(frames))
-
-
-def errors_mm(model, joints):
-    off = np.linalg.norm(model.position - joints, axis=1) * 1000
-    return np.array([off[JOINTS.index(name)] for name in SCORED])
-
-
-def label_accuracy(model, grid, runs, vertex, segment):
-    center = voxel_centers(grid, voxel_index(runs, model.frame))
-    distance, nearest = KDTree(vertex).query(center)
-    near = distance < 0.06
-    return np.mean(model.label[near] == segment[nearest[near]])
 
 
 def test_the_joints_of_a_generated_performer_are_found(figure, found):
@@ -174,24 +123,6 @@ def test_the_frame_with_stretched_arms_is_chosen(figure):
     assert len(model.label) == figure.occupied.sum()
 
 
-def with_arms(position, turn):
-    """Return joints whose arms are turned about the shoulders, each by its own (3, 3) matrix."""
-    moved = position.copy()
-    for side in "RL":
-        shoulder = JOINTS.index(f"{side}Shoulder")
-        for name in ("Elbow", "Wrist", "Fin"):
-            number = JOINTS.index(side + name)
-            moved[number] = position[shoulder] + turn[side] @ (
-                position[number] - position[shoulder]
-            )
-    return moved
-
-
-def about_y(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-
-
 def test_the_straighter_arms_are_chosen(stretched):
     swept = with_arms(stretched, {"R": about_y(0.25), "L": about_y(-0.25)})
     frames = [figure_of(position, "fitting") for position in (swept, stretched)]
@@ -207,34 +138,6 @@ def test_arms_that_reach_forward_are_found_there(stretched):
         model = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
         off = np.linalg.norm(model.position - swept, axis=1)
         assert max(off[JOINTS.index(s + n)] for s in "RL" for n in ("Elbow", "Wrist", "Fin")) < 0.05
-
-
-def test_arms_are_the_same_from_behind(stretched):
-    swept = with_arms(stretched, {"R": about_y(0.2), "L": about_y(-0.1)})
-    index = np.argwhere(figure_of(swept, "fitting").occupied)
-    arms = measure_arms(voxel_centers(GRID, index), VOXEL)
-    behind = arms.turned()
-    for side in range(2):
-        np.testing.assert_allclose(behind.along(1 - side, 0.7), arms.along(side, 0.7), atol=1e-9)
-        np.testing.assert_array_equal(behind.tip[1 - side], arms.tip[side])
-
-
-def test_labels_follow_groins_and_hanging_sleeves(stretched):
-    joints = dict(zip(JOINTS, stretched, strict=True))
-    across = joints["LHip"] - joints["RHip"]
-    left, up = across / np.linalg.norm(across), np.array([0.0, 1.0, 0.0])
-    middle = (joints["LHip"] + joints["RHip"]) / 2
-    forearm = (joints["LElbow"] + joints["LWrist"]) / 2
-    cases = {
-        3: middle - 0.02 * up,  # between the legs the waist reaches lower,
-        10: joints["LHip"] + 0.09 * left + 0.03 * up,  # and outside the leg reaches higher
-        8: joints["RHip"] - 0.09 * left + 0.03 * up,
-        7: forearm - 0.42 * up,
-        1: joints["Head"] - 0.05 * up,
-        9: joints["RFoot"],
-    }
-    label = label_points(np.array(list(cases.values())), complete_joints(joints))
-    assert label.tolist() == list(cases)
 
 
 def test_hanging_arms_are_refused_with_what_to_do(stretched):

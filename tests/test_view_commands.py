@@ -230,7 +230,11 @@ def test_what_the_body_was_measured_by_is_exported_with_a_picture(made, tmp_path
         (["render", "A", "okuri", "a.png", "--azimuth", "nan"], WRONG_USE, "should be numbers"),
         (["render", "A", "okuri", "a.png", "--frame", "-1"], WRONG_USE, "should be 0 or more"),
         (["render", "A", "okurl", "a.png"], WRONG_USE, "did you mean okuri?"),
-        (["render", "A", "okuri", "none/a.png"], BAD_INPUT, "cannot be written"),
+        (
+            ["render", "A", "okuri", "none/a.png", "--size", "32x24"],
+            BAD_INPUT,
+            "cannot be written",
+        ),
         (["export", "A", "okuri", "a.ply", "--frames", "0-1"], WRONG_USE, "holds one frame"),
         (["export", "A", "okuri", "a.ply", "--frames", "2-2"], BAD_INPUT, "no voxel is occupied"),
         (["export", "A", "okuri", "a.ply", "--frames", "7-7"], BAD_INPUT, "7 goes beyond"),

@@ -1,0 +1,43 @@
+"""Arms, legs and labels of an initial model, each on a shape of its own."""
+
+import numpy as np
+import pytest
+
+from storage.schema import JOINTS
+from tasks.geometry.initial_shape import measure_arms
+from tasks.geometry.initial_shape_labels import complete_joints, label_points
+from tasks.geometry.voxels import voxel_centers
+from tests.initial_figures import GRID, VOXEL, about_y, figure_of, stretched_body, with_arms
+
+
+@pytest.fixture(scope="module")
+def stretched():
+    return stretched_body()
+
+
+def test_arms_are_the_same_from_behind(stretched):
+    swept = with_arms(stretched, {"R": about_y(0.2), "L": about_y(-0.1)})
+    index = np.argwhere(figure_of(swept, "fitting").occupied)
+    arms = measure_arms(voxel_centers(GRID, index), VOXEL)
+    behind = arms.turned()
+    for side in range(2):
+        np.testing.assert_allclose(behind.along(1 - side, 0.7), arms.along(side, 0.7), atol=1e-9)
+        np.testing.assert_array_equal(behind.tip[1 - side], arms.tip[side])
+
+
+def test_labels_follow_groins_and_hanging_sleeves(stretched):
+    joints = dict(zip(JOINTS, stretched, strict=True))
+    across = joints["LHip"] - joints["RHip"]
+    left, up = across / np.linalg.norm(across), np.array([0.0, 1.0, 0.0])
+    middle = (joints["LHip"] + joints["RHip"]) / 2
+    forearm = (joints["LElbow"] + joints["LWrist"]) / 2
+    cases = {
+        3: middle - 0.02 * up,  # between the legs the waist reaches lower,
+        10: joints["LHip"] + 0.09 * left + 0.03 * up,  # and outside the leg reaches higher
+        8: joints["RHip"] - 0.09 * left + 0.03 * up,
+        7: forearm - 0.42 * up,
+        1: joints["Head"] - 0.05 * up,
+        9: joints["RFoot"],
+    }
+    label = label_points(np.array(list(cases.values())), complete_joints(joints))
+    assert label.tolist() == list(cases)

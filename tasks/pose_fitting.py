@@ -124,6 +124,11 @@ def fit_poses(
     """
     settings = settings or PoseSettings()
     joints = _check(hulls, rate_hz, position, label, initial_frame, cues, cue_weights)
+    if hand_ends is not None and len(hand_ends) != len(hulls):
+        raise ValueError(
+            f"hand_ends are of {len(hand_ends)} frames, the take has {len(hulls)}; give those of "
+            "every frame"
+        )
     points = voxel_centers(grid, voxel_index(hulls[initial_frame], 0))
     left = (joints["LHip"] - joints["RHip"]) * (1.0, 0.0, 1.0)
     forward = np.cross(left / np.linalg.norm(left), (0.0, 1.0, 0.0))

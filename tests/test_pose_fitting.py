@@ -8,8 +8,9 @@ from tasks.geometry import articulated, blobs
 from tasks.geometry.articulated import BONES, SEGMENT, Pose
 from tasks.geometry.blob_fitting import FitSettings, Target, fit_frame, miss, weigh, worth
 from tasks.geometry.fit_model import bones_of_voxels, make_model
-from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_centers, voxel_index
+from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tasks.pose_fitting import fit_poses, fitted_blobs
+from tests.tube_figures import GRID, figure_of_tubes, model_of
 
 B = BONES.index
 
@@ -17,7 +18,7 @@ B = BONES.index
 @pytest.mark.parametrize("widening", [1.0, 1.5])
 def test_blobs_are_pulled_to_the_middle_of_their_voxels_by_at_most_their_share(waving, widening):
     runs, _, figures = waving
-    model = _model_of(figures[0], runs)
+    model = model_of(figures[0], runs)
     points = voxel_centers(GRID, voxel_index(runs, 1))
     voxels = blobs.gather_voxels(points, np.zeros(len(points), int), np.ones((1, 16), np.float32))
     pose = articulated.rest_pose(model.origin)
@@ -47,7 +48,7 @@ def test_blobs_are_pulled_to_the_middle_of_their_voxels_by_at_most_their_share(w
 
 def test_a_hand_goes_where_it_was_seen(waving):
     runs, _, figures = waving
-    model = _model_of(figures[0], runs)
+    model = model_of(figures[0], runs)
     points = voxel_centers(GRID, voxel_index(runs, 0))
     voxels = blobs.gather_voxels(points, np.zeros(len(points), int), np.ones((1, 16), np.float32))
     pose, hand = articulated.rest_pose(model.origin), B("LHand")
@@ -59,18 +60,11 @@ def test_a_hand_goes_where_it_was_seen(waving):
     assert worth(model, fit, [target]) > worth(model, free, [target])
 
 
-def _model_of(figure, runs):
-    joints, _, label = figure
-    points = voxel_centers(GRID, voxel_index(runs, 0))
-    forward = np.array([0.0, 0.0, 1.0])
-    return make_model(points, bones_of_voxels(points, label, joints, forward), joints, forward)
-
-
 @pytest.mark.compiled  # fifty turns of fitting
 def test_a_fit_climbs(waving):
     """Each turn explains the voxels better, until the pose is that of the figure."""
     runs, _, figures = waving
-    model = _model_of(figures[0], runs)
+    model = model_of(figures[0], runs)
     bent = voxel_centers(GRID, voxel_index(runs, 3))
     voxels = blobs.gather_voxels(bent, np.zeros(len(bent), int), np.ones((1, 16), np.float32))
     start = articulated.rest_pose(model.origin)
@@ -89,57 +83,10 @@ def test_a_fit_climbs(waving):
     assert lifted == pytest.approx(0.48, abs=0.06)
 
 
-GRID = VoxelGrid((-1.0, 0.01, -0.5), 0.02, (100, 92, 50))
-
-JOINT_PLACES = {
-    "Head": (0, 1.7, 0), "Neck": (0, 1.44, 0), "Waist": (0, 1.0, 0),
-    "RShoulder": (-0.18, 1.4, 0), "RElbow": (-0.45, 1.4, 0), "RWrist": (-0.68, 1.4, 0),
-    "RFin": (-0.85, 1.4, 0), "RHip": (-0.1, 0.9, 0), "RKnee": (-0.11, 0.5, 0),
-    "RAnkle": (-0.12, 0.09, 0), "RHeel": (-0.12, 0.03, -0.06), "RFoot": (-0.12, 0.03, 0.16),
-}  # fmt: skip
-TUBES = (
-    (0, "Head", "Neck", 0.09, 0), (1, "Neck", "Waist", 0.13, 1), (2, "Waist", "Hips", 0.13, 2),
-    (3, "Shoulder", "Elbow", 0.05, 3), (4, "Elbow", "Fin", 0.04, 4),
-    (7, "Hip", "Knee", 0.08, 7), (8, "Knee", "Ankle", 0.05, 8), (8, "Heel", "Foot", 0.04, 8),
-)  # fmt: skip
-
-
-def _joints(bend):
-    """Return the joints of a figure whose forearms are bent up by an angle."""
-    at = {name: np.array(place, float) for name, place in JOINT_PLACES.items()}
-    for name in list(at):
-        if name[0] == "R":
-            at["L" + name[1:]] = at[name] * (-1, 1, 1)
-    for side, sign in (("R", -1), ("L", 1)):
-        for name in ("Wrist", "Fin"):
-            length = abs(at[side + name][0] - at[side + "Elbow"][0])
-            way = np.array([sign * np.cos(bend), np.sin(bend), 0.0])
-            at[side + name] = at[side + "Elbow"] + length * way
-    at["Hips"] = (at["RHip"] + at["LHip"]) / 2
-    return at
-
-
-def _figure(bend):
-    """Return the joints, occupied voxels and labels of a figure of tubes."""
-    at = _joints(bend)
-    index = np.argwhere(np.ones(GRID.shape, bool))
-    points = np.asarray(GRID.origin_m) + index * GRID.voxel_m
-    best, label = np.full(len(points), np.inf), np.zeros(len(points), np.uint8)
-    for number, first, last, radius, _ in TUBES:
-        for shift, side in ((0, "R"), (2, "L")) if first not in at else ((0, ""),):
-            a, b = at[side + first], at[side + last]
-            share = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-            away = np.linalg.norm(points - a - share[:, None] * (b - a), axis=1) / radius
-            label[away < best] = number + 1 + shift
-            best = np.minimum(best, away)
-    occupied = best < 1
-    return at, occupied.reshape(GRID.shape), label[occupied]
-
-
 @pytest.fixture(scope="module")
 def waving():
     """A figure that bends its forearms; frame 5 is empty."""
-    figures = [_figure(0.16 * t) for t in range(9)]
+    figures = [figure_of_tubes(0.16 * t) for t in range(9)]
     occupied = np.stack([f[1] for f in figures])
     occupied[5] = False
     position = np.stack([[f[0][name] for name in JOINTS] for f in figures])
@@ -209,6 +156,8 @@ def test_arguments_that_do_not_fit_are_named(waving):
         fit_poses(hulls_of(runs), GRID, 30.0, position[0], label[1:])
     with pytest.raises(ValueError, match="cues has shape"):
         fit_poses(hulls_of(runs), GRID, 30.0, position[0], label, cues=np.zeros((9, 2, 3)))
+    with pytest.raises(ValueError, match="hand_ends are of 1 frames, the take has 9"):
+        fit_poses(hulls_of(runs), GRID, 30.0, position[0], label, hand_ends=[np.zeros((1, 3))])
     missing = position[0].copy()
     missing[JOINTS.index("RKnee")] = np.nan
     with pytest.raises(ValueError, match="has no RKnee; place"):

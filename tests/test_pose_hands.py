@@ -69,7 +69,7 @@ def test_a_single_frame_says_nothing(strayed):
 
 
 def test_what_explains_no_more_is_no_hand(strayed):
-    take, fits, right, left = strayed
+    take, fits, right, _ = strayed
     beside = right + np.array([0.3, 0.25, 0.25])
     for ends in (beside[None], np.empty((0, 3))):
         found = look_for_hands(take, [fits[0]] * FRAMES, [ends] * FRAMES)

@@ -174,6 +174,15 @@ def fit_take(
     return write_block(place, into, (0, len(frames)), arrays, begun)
 
 
+def cues_of(seen: Extremities) -> dict[str, Any]:
+    """Return what was seen of face, hands and feet as `fit_poses` takes it."""
+    return {
+        "cues": np.concatenate([seen.position, seen.foot], axis=1),
+        "cue_weights": np.concatenate([seen.weight, seen.foot_weight], axis=1),
+        "hand_ends": hand_ends(seen.candidates),
+    }
+
+
 def _given_model(path: Path, frames: VoxelFrames) -> InitialModel:
     """Return the model that a person placed, checked against the voxels of its frame."""
     given = read_initial(path)
@@ -254,10 +263,8 @@ def _fit_jointly(
         start["label"],
         initial_frame=initial_frame,
         surfaces=frames.surface,
-        cues=np.concatenate([seen.position, seen.foot], axis=1),
-        cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
-        hand_ends=hand_ends(seen.candidates),
         settings=settings.joint,
+        **cues_of(seen),
     )
     _, axes = local_systems(fitted.initial)
     index = frames.index(initial_frame)

@@ -18,6 +18,7 @@ from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, InitialModelSettings, find_initial_model
 from tasks.joint_tracks import track_stature
 from tasks.pose_fitting import PoseSettings, fit_poses
+from tasks.posing import cues_of
 from tests.benchmarks.pose_runs import Voxels
 from tests.benchmarks.pose_scores import joint_errors, score_joints
 
@@ -50,7 +51,7 @@ class Dancer:
     """The voxels of the first frames of a capture, read once, and what was made of them last."""
 
     def __init__(self, voxels: Voxels, truth: Path, most: int) -> None:
-        frames = voxels.frames
+        self.frames = frames = voxels.frames
         self.grid, self.rate_hz = frames.grid, voxels.source.fps
         self.stature_m = voxels.source.stature_m
         count = min(len(frames), most)
@@ -95,8 +96,8 @@ class Dancer:
         found, seen = self.model(settings.initial), self.extremities(settings)
         fitted = fit_poses(
             self.runs, self.grid, self.rate_hz, found.position, found.label,
-            initial_frame=found.frame, cues=seen.position, cue_weights=seen.weight,
-            settings=settings.joint,
+            initial_frame=found.frame, surfaces=self.frames.surface, settings=settings.joint,
+            **cues_of(seen),
         )  # fmt: skip
         score = score_joints(joint_errors(fitted.position, self.truth), fitted.doubtful)
         return {name: score[name] for name in ("mean_mm", "p95_mm", "lost", "run", "flagged")}

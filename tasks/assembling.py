@@ -31,7 +31,7 @@ from storage.recordings import digest_capture
 from storage.schema import JOINTS
 from storage.voxel_arrays import write_cameras, write_silhouettes, write_voxels
 from tasks.body_model import measure_body
-from tasks.capture_films import grid_of, largest_image, side_by_side
+from tasks.capture_films import grid_of, largest_image
 from tasks.geometry.body_tree import pose_in_parents
 from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
 from tasks.joint_tracks import JointTrackSettings, build_joint_track, track_stature
@@ -162,36 +162,18 @@ def _write_groups(
     offsets: dict[str, NDArray[np.int64]],
     provenances: dict[str, Provenance],
 ) -> None:
-    """Write the groups that each take has of a version."""
+    """Write the groups of a version."""
     write_cameras(place, folder, source.cameras, provenances["cameras"])
-
-    def write_films() -> None:
-        rows, columns = largest_image(source.cameras)
-        write_silhouettes(
-            place,
-            folder,
-            _unpacked(place, blocks["silhouettes"], columns),
-            (source.frames, len(source.cameras), rows, columns),
-            cameras=[camera.name for camera in source.cameras],
-            rate_hz=source.fps,
-            provenance=provenances["silhouettes"],
-        )
-
-    def write_hulls() -> None:
-        _write_hulls(place, source, folder, blocks, offsets, provenances)
-
-    side_by_side(lambda write: write(), [write_films, write_hulls])
-
-
-def _write_hulls(
-    place: Place,
-    source: Capture,
-    folder: str,
-    blocks: Blocks,
-    offsets: dict[str, NDArray[np.int64]],
-    provenances: dict[str, Provenance],
-) -> None:
-    """Write the voxels of a version."""
+    rows, columns = largest_image(source.cameras)
+    write_silhouettes(
+        place,
+        folder,
+        _unpacked(place, blocks["silhouettes"], columns),
+        (source.frames, len(source.cameras), rows, columns),
+        cameras=[camera.name for camera in source.cameras],
+        rate_hz=source.fps,
+        provenance=provenances["silhouettes"],
+    )
     grid = grid_of(source)
     coloring = {"provenance": provenances["coloring"].attributes()}
     labeled = ("provisional_label", "label") if "labels" in blocks else ()

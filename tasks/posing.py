@@ -8,6 +8,7 @@ labels the voxels of a frame is then known for every frame, so labels are made b
 import logging
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +27,7 @@ from tasks.capture_films import grid_of, side_by_side
 from tasks.final_labeling import label_frame, make_body_fields
 from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
-from tasks.geometry.bone_fields import carry_back
+from tasks.geometry.bone_fields import BoneFields, carry_back
 from tasks.geometry.doubts import is_cut_off, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities
 from tasks.geometry.skin import SurfaceFrame
@@ -247,24 +248,30 @@ def _fit_jointly(
     seen: Extremities, settings: PosingSettings,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
-    fitted = fit_poses(
-        _Hulls(frames),
-        frames.grid,
-        source.fps,
-        start["position"],
-        start["label"],
-        initial_frame=initial_frame,
-        surfaces=frames.surface,
-        cues=np.concatenate([seen.position, seen.foot], axis=1),
-        cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
-        settings=settings.joint,
-    )
+
+    def make_fields() -> BoneFields:
+        index = frames.index(initial_frame)
+        return make_body_fields(
+            index, voxel_centers(frames.grid, index), start["label"],
+            dict(zip(JOINTS, start["position"], strict=True)), frames.grid.voxel_m,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(1) as beside:  # one frame is fitted after the other
+        making = beside.submit(make_fields)
+        fitted = fit_poses(
+            _Hulls(frames),
+            frames.grid,
+            source.fps,
+            start["position"],
+            start["label"],
+            initial_frame=initial_frame,
+            surfaces=frames.surface,
+            cues=np.concatenate([seen.position, seen.foot], axis=1),
+            cue_weights=np.concatenate([seen.weight, seen.foot_weight], axis=1),
+            settings=settings.joint,
+        )
+        fields = making.result()
     _, axes = local_systems(fitted.initial)
-    index = frames.index(initial_frame)
-    fields = make_body_fields(
-        index, voxel_centers(frames.grid, index), start["label"],
-        dict(zip(JOINTS, start["position"], strict=True)), frames.grid.voxel_m,
-    )  # fmt: skip
     turn, shift = carry_back(
         np.stack([place_bones(pose, fitted.model.origin) for pose in fitted.poses]),
         np.stack([pose.rotation for pose in fitted.poses]),

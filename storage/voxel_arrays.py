@@ -13,6 +13,7 @@ their numbers, are those of its runs; its surface voxels are those of them with 
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ _SHARD = 1 << 22  # values in a file
 _PICTURES_BYTES = 1 << 25  # of silhouettes in a file
 _PICTURES_READ = 8  # frames of a camera read at once
 _ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so
+_WRITERS = 2  # arrays that are written at a time, whole shards each: two shards are in memory
 _NO_CAMERA = 255
 
 RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
@@ -156,23 +158,17 @@ def write_voxels(
         _write_time(group, frames, rate_hz)
         for over, offset in offsets.items():
             _write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
-        for name, stretches in parts.items():
-            over, kind, entry = RAGGED[name]
-            total = int(offsets[over][-1])
-            chunk = max(1, min(total, _CHUNK))
-            shard = chunk * max(1, min(-(-total // chunk), _SHARD // _CHUNK))
-            array = group.create_array(
-                name,
-                shape=(total, *entry),
-                dtype=kind,
-                chunks=(chunk, *entry),
-                shards=(shard, *entry),
-                compressors=[_ZSTD],
-                dimension_names=(over, *(("rgb",) if entry else ())),
-                attributes=array_attributes.get(name),
-            )
-            for start, part in _regrouped(stretches, shard):
+        arrays = {
+            name: _new_ragged(group, name, offsets, array_attributes.get(name)) for name in parts
+        }
+
+        def fill(name: str) -> None:
+            array: Any = arrays[name]
+            for start, part in _regrouped(parts[name], array.shards[0]):
                 array[start : start + len(part)] = part
+
+        with ThreadPoolExecutor(_WRITERS) as pool:
+            list(pool.map(fill, parts))
 
 
 def open_silhouettes(place: Place, folder: str) -> xarray.DataArray:
@@ -259,6 +255,29 @@ def _new_group(place: Place, folder: str, name: str, **attributes: Any) -> zarr.
     """Make a group of the version in `folder`, which has none of this name."""
     store = zarr_store(place, folder)
     return zarr.create_group(store, path=name, zarr_format=3, attributes=attributes)
+
+
+def _new_ragged(
+    group: zarr.Group,
+    name: str,
+    offsets: Mapping[str, NDArray[np.int64]],
+    attributes: dict[str, Any] | None,
+) -> zarr.Array:
+    """Make a ragged array of a group."""
+    over, kind, entry = RAGGED[name]
+    total = int(offsets[over][-1])
+    chunk = max(1, min(total, _CHUNK))
+    shard = chunk * max(1, min(-(-total // chunk), _SHARD // _CHUNK))
+    return group.create_array(
+        name,
+        shape=(total, *entry),
+        dtype=kind,
+        chunks=(chunk, *entry),
+        shards=(shard, *entry),
+        compressors=[_ZSTD],
+        dimension_names=(over, *(("rgb",) if entry else ())),
+        attributes=attributes,
+    )
 
 
 def _write_time(group: zarr.Group, frames: int, rate_hz: float) -> None:

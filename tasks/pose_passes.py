@@ -176,7 +176,7 @@ def _find_again(take: Fitting, fit: Fit, sample: Voxels, targets: Sequence[Targe
         target = next((t for t in targets if t.bone == limb.end), None)
         if target is None:
             continue
-        away = miss(model, fit.pose, target)
+        [away] = miss(model, fit.pose, [target])
         held = fit.support[limb.bones].min()
         if away < settings.lost_distance * model.stature and held > settings.lost_support:
             continue
@@ -206,7 +206,8 @@ def merge(take: Fitting, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pos
         cost = (explained.max(0) - explained) / settings.unexplained
         return choose_fits(cost, [a[:, bones] for a in at], step)
 
-    worths = [[worth(model, fit, take.targets(t)) for t, fit in enumerate(fits)] for fits in both]
+    targets = [take.targets(t) for t in range(len(first))]
+    worths = [[worth(model, *each) for each in zip(fits, targets, strict=True)] for fits in both]
     chosen = choose(trunk, np.array(worths))
     merged = [both[chosen[t]][t].pose for t in range(len(first))]
     for bones in limbs:

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.doubts import cut_off_at, unexplained_share
+from tasks.geometry.doubts import cut_off_at, is_cut_off, unexplained_share
+from tasks.geometry.voxel_lines import lines_of_index
 
 
 @pytest.fixture
@@ -28,12 +29,6 @@ def test_the_share_is_that_of_voxels_beyond_every_blob(rng, blobs):
         assert 0 < far < 400
 
 
-def test_of_many_voxels_an_even_part_is_looked_at(rng, blobs):
-    center = np.repeat(rng.normal(size=(100, 3)), 700, axis=0)
-    share = unexplained_share(center, *blobs)
-    assert share == pytest.approx(unexplained_share(center[::700], *blobs), abs=0.01)
-
-
 def test_nobody_leaves_nothing_unexplained(blobs):
     assert unexplained_share(np.zeros((0, 3)), *blobs) == 0.0
 
@@ -50,3 +45,18 @@ def test_a_performer_is_cut_off_at_every_side_but_the_floor(axis, end, found):
     assert cut_off_at(index, shape) == []  # specks
     index[3, axis] = end
     assert cut_off_at(index, shape) == [(axis, end)] * found
+
+
+def test_lines_are_cut_off_where_their_voxels_are(rng):
+    shape = (9, 8, 7)
+    found = []
+    for _ in range(60):
+        low = rng.integers(0, 3, 3)
+        high = low + rng.integers(1, 8, 3)
+        occupied = np.zeros(shape, bool)
+        occupied[tuple(map(slice, low, high))] = rng.random() < 0.9
+        occupied &= rng.random(shape) < 0.15
+        index = np.argwhere(occupied)
+        found.append(is_cut_off(lines_of_index(index), shape))
+        assert found[-1] == bool(cut_off_at(index, shape))
+    assert 10 < sum(found) < 50

@@ -112,4 +112,6 @@ def test_slopes_are_what_differences_give(rng, body):
             np.testing.assert_allclose(
                 poses[:, :, 3 + 3 * j + axis], (mean - frame.mean) / step, atol=1e-5
             )
+    root = PARENT.tolist().index(-1)
+    assert not centers[:, :, 3 * root : 3 * root + 3].any()
     assert PARENT[4] == 3

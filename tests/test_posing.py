@@ -7,7 +7,7 @@ import pytest
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.geometry.voxels import VoxelGrid
+from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_index
 from tasks.initial_model import InitialModel
 from tasks.posing import DoubtSettings, _check_measurable, _doubts
 from tests.conftest import swaying_body
@@ -26,11 +26,14 @@ class Frames:
     def __len__(self):
         return len(self._boxes)
 
+    def hull(self, frame):
+        occupied = np.zeros((1, *GRID.shape), bool)
+        for low, high in self._boxes[frame]:
+            occupied[0, low[0] : high[0], low[1] : high[1], low[2] : high[2]] = True
+        return encode_runs(occupied)
+
     def index(self, frame):
-        parts = [
-            np.argwhere(np.ones(np.subtract(high, low))) + low for low, high in self._boxes[frame]
-        ]
-        return np.concatenate([np.zeros((0, 3), int), *parts])
+        return voxel_index(self.hull(frame), 0)
 
 
 def test_voxels_that_nothing_explains_and_a_cut_performer_are_doubtful():

@@ -77,6 +77,16 @@ def test_voxels_come_in_the_order_of_argwhere(rng):
     np.testing.assert_array_equal(count_voxels(runs), occupied.sum(axis=(1, 2, 3)))
 
 
+@pytest.mark.parametrize("first", [0, 2, 5])
+@pytest.mark.parametrize("step", [1, 2, 7, 100000])
+def test_of_every_so_many_voxels_one_is_given(rng, first, step):
+    occupied = boxes(rng)
+    runs = encode_runs(occupied)
+    for t in range(len(occupied)):
+        wanted = np.argwhere(occupied[t])[first::step]
+        np.testing.assert_array_equal(voxel_index(runs, t, first=first, step=step), wanted)
+
+
 def test_surface_is_where_a_neighbor_is_empty_or_outside_the_grid(rng):
     occupied = np.concatenate([boxes(rng), np.ones((1, *SHAPE), bool)])
     runs = encode_runs(occupied)

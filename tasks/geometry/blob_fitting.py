@@ -291,17 +291,17 @@ def _weigh_pose(model: FitModel, voxels: Voxels, pose: Pose, settings: FitSettin
     return Evidence(model.blobs.bone, placed[0][:own], *evidence, joints, pose.rotation)
 
 
-def miss(model: FitModel, pose: Pose, target: Target) -> float:
-    """Return how far a point of the body is from where it was seen, m."""
-    joint = place_bones(pose, model.origin)[target.bone]
-    at = joint + pose.rotation[target.bone] @ target.offset
-    return float(np.linalg.norm(at - target.place))
+def miss(model: FitModel, pose: Pose, targets: Sequence[Target]) -> Floats:
+    """Return (target,) how far points of the body are from where they were seen, m."""
+    joints = place_bones(pose, model.origin)
+    away = [joints[t.bone] + pose.rotation[t.bone] @ t.offset - t.place for t in targets]
+    return np.array([np.linalg.norm(each) for each in away], np.float64)
 
 
 def worth(model: FitModel, fit: Fit, targets: Sequence[Target]) -> float:
     """Return how well a fit explains voxels and places seen; larger is better."""
     missed = 0.0
-    for target in targets:
-        far = miss(model, fit.pose, target) / target.scale_m
+    for target, away in zip(targets, miss(model, fit.pose, targets), strict=True):
+        far = away / target.scale_m
         missed += 0.5 * target.weight * target.scale_m**2 * np.log1p(far**2)
     return fit.likelihood - missed

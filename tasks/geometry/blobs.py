@@ -242,8 +242,13 @@ def share_out(voxels: Any, blobs: Any, nobody: float, sums: Any) -> float:
             _weigh(
                 points[k], likeness[k, kind[b]], mean[b], inverse[b], factor[b], weight[c], whole
             )
+        product = 1.0  # of four, for a logarithm costs more than all else of a voxel
         for i in range(min(_BLOCK, count - k * _BLOCK)):
-            total += np.log(np.float64(whole[i]))
+            product *= np.float64(whole[i])
+            if i & 3 == 3:
+                total += np.log(product)
+                product = 1.0
+        total += np.log(product)
         for i in range(_BLOCK):
             whole[i] = _ONE / whole[i]
         for c in range(found):

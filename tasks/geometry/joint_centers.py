@@ -118,24 +118,20 @@ def _pose_slope(frame: Evidence) -> Floats:
     bone = frame.bone
     slope = np.zeros((len(bone), 3, UNKNOWNS))
     slope[:, :, :3] = np.eye(3)
-    for j in range(len(BONES)):
-        x, y, z = ((frame.mean - frame.joints[j]) * _BELOW[j, bone][:, None]).T
-        column = 3 + 3 * j
-        slope[:, 1, column], slope[:, 2, column] = -z, y  # twist x arm
-        slope[:, 0, column + 1], slope[:, 2, column + 1] = z, -x
-        slope[:, 0, column + 2], slope[:, 1, column + 2] = -y, x
+    arm = (frame.mean[:, None] - frame.joints) * _BELOW[:, bone].T[:, :, None]
+    x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
+    slope[:, 1, 3::3], slope[:, 2, 3::3] = -z, y  # twist x arm
+    slope[:, 0, 4::3], slope[:, 2, 4::3] = z, -x
+    slope[:, 0, 5::3], slope[:, 1, 5::3] = -y, x
     return slope
 
 
 def _center_slope(frame: Evidence) -> Floats:
     """Return (blob, 3, 3 a bone) how blobs move with the joints of the initial pose."""
-    bone = frame.bone
-    slope = np.zeros((len(bone), 3, 3 * len(BONES)))
-    for j in range(len(BONES)):
-        if PARENT[j] >= 0:
-            turned = frame.rotation[PARENT[j]] - frame.rotation[j]
-            slope[:, :, 3 * j : 3 * j + 3] = _BELOW[j, bone][:, None, None] * turned
-    return slope
+    turned = frame.rotation[PARENT] - frame.rotation
+    turned[_ROOT] = 0.0
+    moved = _BELOW[:, frame.bone].T[:, None, :, None] * turned.swapaxes(0, 1)
+    return moved.reshape(len(frame.bone), 3, 3 * len(BONES))
 
 
 def _add_symmetry(normal: Floats, left: Floats, weight: float) -> None:

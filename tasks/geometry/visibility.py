@@ -2,12 +2,13 @@
 
 A camera sees a voxel when it films it inside its silhouette and the straight line from the camera
 to a point above the voxel, along the outward normal, is not blocked by a voxel (a walk through
-the grid; Amanatides and Woo 1987). Cameras behind the surface count only where none in front sees
-the voxel: at its horizon, and on the edges of cloth. From the voxel's own center the line would
-graze its neighbors, for a hull's surface is where lines of sight touch it: a fixed tolerance in
-depth leaves 13 % of a dancer without color, and the walk from the center just as many; from two
-voxels above it 1 %. The normal points from what is occupied within two voxels to what is empty;
-where that is symmetric, as on thin cloth, there is none, and every camera is in front.
+the grid, to where the line is clear; Amanatides and Woo 1987). Cameras behind the surface count
+only where none in front sees the voxel: at its horizon, and on the edges of cloth. From the voxel's
+own center the line would graze its neighbors, for a hull's surface is where lines of sight touch
+it: a fixed tolerance in depth leaves 13 % of a dancer without color, and the walk from the center
+just as many; from two voxels above it 1 %. The normal points from what is occupied within two
+voxels to what is empty; where that is symmetric, as on thin cloth, there is none, and every camera
+is in front.
 """
 
 from typing import Any
@@ -15,6 +16,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from tasks.geometry.clear_lines import clear_shares
 
 REACH = 2
 """Voxels around a voxel that its normal is taken from."""
@@ -45,7 +48,12 @@ def hide_pixels(
     """
     normal = np.empty((len(place), 3))
     _find_normals(crop, place, normal)
-    _hide(crop, (place, place + lift * normal, normal), cameras, pixel)
+    start = place + lift * normal
+    share = clear_shares(place, start, cameras, crop.shape)
+    seen = np.zeros(len(place), np.bool_)
+    for hide in (_hide_in_front, _hide_behind):
+        for c, camera in enumerate(cameras):  # lines that go the same way take the same branches
+            hide(crop, (place, start, normal), camera, share[c], pixel[c, :, 0], seen)
 
 
 @njit(cache=True, nogil=True)
@@ -70,34 +78,52 @@ def _find_normals(crop: Any, place: Any, normal: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _hide(crop: Any, surface: Any, cameras: Any, pixel: Any) -> None:
-    """Write -1 for the pixels of the cameras that do not see a voxel.
+def _hide_in_front(crop: Any, surface: Any, camera: Any, share: Any, row: Any, seen: Any) -> None:
+    """Write -1 for the rows that a camera before the surface does not see; mark what it sees.
 
-    Camera after camera, for lines that go the same way take the same branches.
+    Those that it would see from behind are written as -2 less the row, for they wait.
     """
     place, start, normal = surface
     grid = (crop.ravel(), crop.shape)
-    seen = np.zeros(len(place), np.bool_)
-    for from_front in (True, False):
-        for c in range(len(cameras)):
-            for n in range(len(place)):
-                if pixel[c, n, 0] < 0:
-                    continue
-                x, y, z = start[n, 0], start[n, 1], start[n, 2]
-                dx, dy, dz = cameras[c, 0] - x, cameras[c, 1] - y, cameras[c, 2] - z
-                facing = dx * normal[n, 0] + dy * normal[n, 1] + dz * normal[n, 2]
-                if (facing >= 0) != from_front:
-                    continue
-                own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
-                if (seen[n] and not from_front) or _blocked(grid, (x, y, z), (dx, dy, dz), own):
-                    pixel[c, n, 0] = -1
-                elif from_front:
-                    seen[n] = True
+    for n in range(len(place)):
+        if row[n] < 0:
+            continue
+        x, y, z = start[n, 0], start[n, 1], start[n, 2]
+        way = (camera[0] - x, camera[1] - y, camera[2] - z)
+        if way[0] * normal[n, 0] + way[1] * normal[n, 1] + way[2] * normal[n, 2] < 0:
+            row[n] = -2 - row[n]
+            continue
+        own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
+        if _blocked(grid, (x, y, z), way, own, share[n]):
+            row[n] = -1
+        else:
+            seen[n] = True
+
+
+@njit(cache=True, nogil=True)
+def _hide_behind(crop: Any, surface: Any, camera: Any, share: Any, row: Any, seen: Any) -> None:
+    """Write the rows that wait, or -1 where another camera sees the voxel or this one does not."""
+    place, start, _ = surface
+    grid = (crop.ravel(), crop.shape)
+    for n in range(len(place)):
+        waiting = -2 - row[n]
+        if waiting < 0:
+            continue
+        row[n] = -1
+        if not seen[n]:
+            x, y, z = start[n, 0], start[n, 1], start[n, 2]
+            way = (camera[0] - x, camera[1] - y, camera[2] - z)
+            own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
+            if not _blocked(grid, (x, y, z), way, own, share[n]):
+                row[n] = waiting
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blocked(grid: Any, start: Any, way: Any, own: Any) -> Any:
-    """Return whether a line meets an occupied voxel of a grid, other than its own."""
+def _blocked(grid: Any, start: Any, way: Any, own: Any, share: Any) -> Any:
+    """Return whether a line meets an occupied voxel of a grid, other than its own.
+
+    `share`: from which share of its way on it does not.
+    """
     occupied, (nx, ny, nz) = grid
     x, y, z = start
     dx, dy, dz = way
@@ -105,6 +131,8 @@ def _blocked(grid: Any, start: Any, way: Any, own: Any) -> Any:
     if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
         return False
     at = (i * ny + j) * nz + k
+    if share <= 0:
+        return occupied[at] and at != own
     step_x, far_x, tx, end_x = _steps(x, dx, i, nx)
     step_y, far_y, ty, end_y = _steps(y, dy, j, ny)
     step_z, far_z, tz, end_z = _steps(z, dz, k, nz)
@@ -112,6 +140,7 @@ def _blocked(grid: Any, start: Any, way: Any, own: Any) -> Any:
     end = min(min(end_x, end_y), min(end_z, 1.0)) * (
         1 - 1e-9
     )  # rounding never walks out of the grid
+    end = min(end, np.float64(share))
     while not occupied[at] or at == own:
         if tx < ty and tx < tz:
             if tx >= end:

@@ -67,10 +67,10 @@ def draw_samples(hulls: Sequence[VoxelRuns], surfaces: Surfaces | None, most: in
     """
 
     def draw(frame: int) -> Drawn:
-        index = voxel_index(hulls[frame], 0)
-        step = max(1, len(index) // most)
+        hull = hulls[frame]
+        step = max(1, int(hull.length.sum(dtype=np.int64)) // most)
         chosen = slice(step // 2, None, step)
-        some = index[chosen].astype(np.int16)
+        some = voxel_index(hull, 0, first=step // 2, step=step).astype(np.int16)
         cell = np.full(len(some), -1, np.int32)
         if surfaces is not None and len(some):
             is_surface, color, camera = surfaces(frame)

@@ -209,8 +209,10 @@ def decode_runs(runs: VoxelRuns, frame: int) -> NDArray[np.bool_]:
     return occupied.reshape(runs.shape)
 
 
-def voxel_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
+def voxel_index(runs: VoxelRuns, frame: int, *, first: int = 0, step: int = 1) -> NDArray[np.int32]:
     """Return (voxel, 3) the index of each occupied voxel of a frame, in order.
+
+    With a step only of every so many, from the `first` on.
 
     Raises
     ------
@@ -219,8 +221,9 @@ def voxel_index(runs: VoxelRuns, frame: int) -> NDArray[np.int32]:
     """
     one = take_frame(runs, frame)
     _, ny, nz = runs.shape
-    index = np.empty((int(one.length.sum(dtype=np.int64)), 3), np.int32)
-    _write_index(one.start, one.length, (ny, nz), index)
+    voxels = int(one.length.sum(dtype=np.int64))
+    index = np.empty((len(range(first, voxels, step)), 3), np.int32)
+    _write_index(one.start, one.length, (ny, nz), (first, step), index)
     return index
 
 
@@ -317,17 +320,22 @@ def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
 
 
 @njit(cache=True, nogil=True)
-def _write_index(start: Any, length: Any, sides: Any, index: Any) -> None:
-    """Write the index of each voxel of the runs, in order."""
+def _write_index(start: Any, length: Any, sides: Any, wanted: Any, index: Any) -> None:
+    """Write the index of the wanted voxels of the runs (the first one, and a step), in order."""
     ny, nz = sides
+    ahead, step = wanted  # voxels from the run's first to the next that is wanted
     voxel = 0
     for run in range(len(start)):
-        number = np.int64(start[run])
-        column = number // nz
-        x, y, z = column // ny, column % ny, number % nz
-        for k in range(np.int64(length[run])):
-            index[voxel, 0], index[voxel, 1], index[voxel, 2] = x, y, z + k
-            voxel += 1
+        count = np.int64(length[run])
+        if ahead < count:
+            number = np.int64(start[run])
+            column = number // nz
+            x, y, z = column // ny, column % ny, number % nz
+            for k in range(ahead, count, step):
+                index[voxel, 0], index[voxel, 1], index[voxel, 2] = x, y, z + k
+                voxel += 1
+            ahead += -(-(count - ahead) // step) * step
+        ahead -= count
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,134 @@
+"""From where on a straight line to a camera meets nothing of a hull.
+
+The camera sees all of the line in one direction; so once the line is nearer to it than all of the
+surface in and around that direction, nothing can block it. How near the surface is in each
+direction is told by a depth buffer (Catmull 1974) as fine as the voxels; a cell of it knows the
+nearest of itself and the eight around, which hold all of a voxel whose center is in the cell.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_RADIUS = np.sqrt(0.75)  # of a voxel, to its corner
+_REACH = np.sqrt(2.75) + 1e-2  # from a voxel's center all through a neighbor; and rounding
+_NEAREST = 2.0  # voxels: with less of a hull before a camera, its directions are not told apart
+
+
+def clear_shares(
+    place: NDArray[np.int64],
+    start: NDArray[np.float64],
+    cameras: NDArray[np.float64],
+    shape: tuple[int, ...],
+) -> NDArray[np.float32]:
+    """Return from which share of its way on a line to a camera surely meets nothing.
+
+    That is, no voxel that is on the surface or, where the line leaves one, beside it.
+
+    Parameters
+    ----------
+    place : (surface voxel, 3) int64
+        Index in a crop of all voxels of the surface.
+    start : (line, 3) float64
+        Where the lines begin, in the crop, in voxels.
+    cameras : (camera, 3) float64
+        Where they end.
+    shape
+        Of the crop.
+
+    Returns
+    -------
+    (camera, line) float32
+        0 or less where no part of the line does; 1 where nothing is known. Of a line that begins
+        outside the crop it says nothing.
+    """
+    place, start = np.ascontiguousarray(place), np.ascontiguousarray(start)
+    share = np.ones((len(cameras), len(start)), np.float32)
+    for camera, own in zip(cameras, share, strict=True):
+        axes, cells = _look_at(camera, np.array(shape, np.float64))
+        if cells[2] > 0.0:
+            _find_shares(place, start, camera, (axes, cells), own)
+    return share
+
+
+@njit(cache=True, nogil=True)
+def _look_at(camera: Any, shape: Any) -> Any:
+    """Return axes (3, 3), the last one towards a crop; and what divides what is seen of it.
+
+    These are where cells begin in both directions, how many go to a slope of 1 (0: the camera is
+    not before the crop), and how many there are in both directions.
+    """
+    axes = np.zeros((3, 3))
+    axes[2] = (shape - 1.0) / 2.0 - camera
+    axes[2] /= max(np.sqrt((axes[2] ** 2).sum()), 1e-9)
+    axes[0, np.argmin(np.abs(axes[2]))] = 1.0
+    axes[0] = np.cross(axes[2], axes[0])
+    axes[0] /= np.sqrt((axes[0] ** 2).sum())
+    axes[1] = np.cross(axes[2], axes[0])
+    low, high, nearest = np.full(2, np.inf), np.full(2, -np.inf), np.inf
+    for corner in range(8):
+        seen = np.zeros(3)
+        for k in range(3):
+            side = shape[k] - 0.5 if corner >> k & 1 else -0.5
+            seen += axes[:, k] * (side - camera[k])
+        nearest = min(nearest, seen[2])
+        for k in range(2):
+            slope = seen[k] / max(seen[2], _NEAREST)
+            low[k], high[k] = min(low[k], slope), max(high[k], slope)
+    if nearest < _NEAREST:
+        return axes, (0.0, 0.0, 0.0, 0, 0)
+    wide = max(-low.min(), high.max())  # the slope at which a voxel covers most
+    fine = (nearest - _RADIUS) / (1.001 * _RADIUS * np.sqrt(1.0 + wide**2))
+    first, last = low * fine - 2.0, high * fine + 2.0
+    return axes, (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
+
+
+@njit(cache=True, nogil=True)
+def _find_shares(place: Any, start: Any, camera: Any, view: Any, share: Any) -> None:
+    """Write from which share on the lines to a camera are clear."""
+    rows, columns = view[1][3:]
+    cells = rows * columns
+    most = max(len(place), len(start))
+    cell, depth = np.empty(most, np.int32), np.empty(most, np.float32)
+    nearest = np.full(cells, np.float32(np.inf))
+    _see(place, camera, view, cell, depth)
+    for n in range(len(place)):
+        if depth[n] < nearest[cell[n]]:
+            nearest[cell[n]] = depth[n]
+    beside = np.full(cells, np.float32(np.inf))
+    _take_least(nearest, columns, beside)
+    _take_least(beside, 1, nearest)
+    _see(start, camera, view, cell, depth)
+    for n in range(len(start)):
+        there = nearest[min(max(cell[n], 0), cells - 1)]
+        share[n] = np.float32(1.0) - (there - np.float32(_REACH)) / depth[n]
+
+
+@njit(cache=True, nogil=True)
+def _take_least(values: Any, step: Any, least: Any) -> None:
+    """Write the least of each value and those a step before and after, but at the ends."""
+    before, middle, after = values[: -2 * step], values[step:-step], values[2 * step :]
+    inner = least[step:-step]
+    for n in range(len(inner)):  # without a branch, so that it is vectorized
+        one = before[n] if before[n] < after[n] else after[n]
+        inner[n] = middle[n] if middle[n] < one else one
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _see(point: Any, camera: Any, view: Any, cell: Any, depth: Any) -> None:
+    """Write in which cell points are seen, and how deep."""
+    axes, (row, column, fine, _, columns) = view
+    a, b, c = axes[0, 0] * fine, axes[0, 1] * fine, axes[0, 2] * fine
+    d, e, f = axes[1, 0] * fine, axes[1, 1] * fine, axes[1, 2] * fine
+    g, h, i = axes[2, 0], axes[2, 1], axes[2, 2]
+    left, below, behind = camera[0], camera[1], camera[2]
+    flat = point.reshape(-1)
+    for n in range(len(point)):
+        x, y, z = flat[3 * n] - left, flat[3 * n + 1] - below, flat[3 * n + 2] - behind
+        deep = g * x + h * y + i * z
+        near = 1.0 / deep
+        u, v = (a * x + b * y + c * z) * near - row, (d * x + e * y + f * z) * near - column
+        cell[n] = np.int32(u) * columns + np.int32(v)
+        depth[n] = deep

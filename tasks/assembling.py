@@ -45,6 +45,8 @@ _DOUBTS = {
     "enlarge the [volume].",
     "unexplained": "Voxels belong to no segment in {}: a limb that the pose has lost, another "
     "person, or something held.",
+    "hands_unsure": "The right and the left hand could as well be the other way round in {}.",
+    "feet_unsure": "The right and the left foot could as well be the other way round in {}.",
     "doubtful": "The pose is doubtful in {}.",
 }
 
@@ -279,7 +281,7 @@ def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
         *initial["notes"],
     ]
     for name, said in _DOUBTS.items():
-        frames = np.flatnonzero(fit[name])
+        frames = np.flatnonzero(fit.get(name, ()))  # `paper` has fewer reasons
         if len(frames):
             notes.append(said.format(f"{len(frames)} frames ({_ranges(frames)})"))
     return notes

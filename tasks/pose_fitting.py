@@ -34,6 +34,7 @@ from tasks.geometry.voxel_samples import Surfaces, draw_samples, learn_looks
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 from tasks.pose_hands import look_for_hands
 from tasks.pose_passes import Fitting, PoseSettings, follow, merge, settle, settle_centers
+from tasks.pose_sides import tell_sides
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +72,9 @@ class FittedPoses:
 
     doubtful: NDArray[np.bool_]
     """(time,) True where the pose is a guess: an empty frame, or a segment without support."""
+
+    unsure_sides: NDArray[np.bool_]
+    """(time, 2) True where the hands, and the feet, could as well be the other way round."""
 
     poses: tuple[Pose, ...]
     """The poses of all bones, hands and feet among them."""
@@ -156,8 +160,8 @@ def fit_poses(
     for _ in range(settings.joint_rounds):
         take = replace(take, model=settle_centers(take, merged))
         merged = [fit.pose for fit in settle(take, merged)]
-    fits = settle(take, merged)
-    return _describe(take, fits, position, model.origin)
+    fits, unsure = tell_sides(take, settle(take, merged))
+    return _describe(take, fits, unsure, position, model.origin)
 
 
 def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
@@ -173,7 +177,9 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
     return place_model(fitted.model, fitted.poses[frame])
 
 
-def _describe(take: Fitting, fits: Sequence[Fit], placed: Floats, origin: Floats) -> FittedPoses:
+def _describe(
+    take: Fitting, fits: Sequence[Fit], unsure: NDArray[np.bool_], placed: Floats, origin: Floats
+) -> FittedPoses:
     model = take.model
     initial = placed.copy()
     for k, name in enumerate(PROXIMAL):
@@ -195,7 +201,9 @@ def _describe(take: Fitting, fits: Sequence[Fit], placed: Floats, origin: Floats
     doubtful = quality.min(1) < take.settings.doubtful_support
     _logger.info("fitted %d frames, %d doubtful", frames, int(doubtful.sum()))
     poses = tuple(fit.pose for fit in fits)
-    return FittedPoses(position, initial, rotation, proximal, quality, doubtful, poses, model)
+    return FittedPoses(
+        position, initial, rotation, proximal, quality, doubtful, unsure, poses, model
+    )
 
 
 def _check(

@@ -76,6 +76,19 @@ class PoseSettings:
     hand_missing_s: float = 0.1
     """For so long, at least."""
 
+    side_apart: float = 0.09
+    """Hands, or feet, that are nearer may be one: a hand's length."""
+
+    side_least_s: float = 0.1
+    """For so long, at least, two are apart that are looked at whether they are exchanged."""
+
+    side_frames: int = 6
+    """In so many frames of each such time."""
+
+    side_margin: float = 0.01
+    """A pair may be exchanged where that explains the voxels worse by less than this, in the mean
+    logarithm of their likelihoods: by 0.016 or more where it was not, of eighteen captures."""
+
     swivels: int = 4
     """Places of the elbow that are tried when an arm is looked for."""
 

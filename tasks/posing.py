@@ -152,11 +152,11 @@ def fit_take(
     dict
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
-        why it is so beside badly fitting segments, `unexplained` and `cut_off` (time,) bool,
-        what labels voxels (of the method `joint` the body's fields, and `turn` and `shift` a
-        frame; of `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was
-        measured with (`initial_joint`), and where face and hands were seen (`seen`), with the
-        colors of skin.
+        why it is so beside badly fitting segments, `unexplained` and `cut_off` (time,) bool, what
+        labels voxels (of the method `joint` the body's fields, and `turn` and `shift` a frame, and
+        as further reasons to doubt `hands_unsure` and `feet_unsure`; of `paper` `blob_mean` and
+        `blob_inverse` a frame), the joints that the body was measured with (`initial_joint`), and
+        where face and hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()
     source = read_capture(Path(capture))
@@ -293,7 +293,9 @@ def _fit_jointly(
         "position": fitted.position[:, _ORIGIN],
         "rotation": fitted.rotation @ axes,
         "quality": fitted.quality,
-        "doubtful": fitted.doubtful,
+        "doubtful": fitted.doubtful | fitted.unsure_sides.any(axis=1),
+        "hands_unsure": fitted.unsure_sides[:, 0],
+        "feet_unsure": fitted.unsure_sides[:, 1],
         "turn": turn,
         "shift": shift,
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},

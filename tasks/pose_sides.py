@@ -1,0 +1,115 @@
+"""Tell right from left again: hands or feet that met and parted, or were exchanged at first.
+
+Where hands meet, what is seen of them does not tell which is which after; the arms do. So, in each
+stretch of frames in which a pair is apart, its limbs are put the other way round. If that explains
+the voxels about as well, the stretch is fitted so, and what explains it better stays.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.articulated import Floats, Pose, rest_pose
+from tasks.geometry.blob_fitting import Fit, fit_frame
+from tasks.geometry.fit_model import middles
+from tasks.geometry.limb_search import LIMBS, Limb, reach_for
+from tasks.pose_passes import Fitting, follow, merge, settle
+
+_PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))  # arms and legs, and the cues of their ends
+
+Limbs = tuple[Limb, ...]
+
+
+def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_]]:
+    """Return the fits with limbs exchanged where that explains the voxels better.
+
+    Parameters
+    ----------
+    take
+        What was fitted.
+    fits
+        Of its frames.
+
+    Returns
+    -------
+    fits : list of Fit
+    unsure : (time, 2) bool
+        Where the hands, and the feet, could as well be the other way round.
+    """
+    kept, margin = list(fits), take.settings.side_margin
+    unsure = np.zeros((len(kept), len(_PAIRS)), bool)
+    for pair, (limbs, cues) in enumerate(_PAIRS):
+        at = np.stack([middles(take.model, fit.pose) for fit in kept])
+        ends = at[:, [limb.end for limb in limbs]]
+        for first, last in _stretches(take, ends):
+            looked = np.unique(np.linspace(first, last - 1, take.settings.side_frames).astype(int))
+            tried = _exchange(take, kept, limbs, ends, looked)
+            if _gain(kept, tried) < -margin:
+                continue
+            crossed = _with_cues_exchanged(take, cues, range(first, last))
+            there = follow(crossed, range(first, last), tried[min(tried)].pose)
+            back = follow(crossed, range(last - 1, first - 1, -1), tried[max(tried)].pose)[::-1]
+            both = ([*kept[:first], *part, *kept[last:]] for part in (there, back))
+            other = settle(crossed, merge(crossed, *both))
+            gain = _gain(kept, {t: other[t] for t in range(first, last)})
+            unsure[first:last, pair] = gain < margin
+            if gain > 0:
+                take, kept = crossed, other
+    return kept, unsure
+
+
+def _stretches(take: Fitting, ends: Floats) -> list[tuple[int, int]]:
+    """Return where a pair of ends (time, 2, 3) is apart: first frame, and the one after the last.
+
+    Shorter ones than a few frames are left out: an exchange that is over soon is none.
+    """
+    apart = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    is_apart = apart > take.settings.side_apart * take.model.stature
+    edges = np.flatnonzero(np.diff(is_apart, prepend=False, append=False))
+    least = max(2, round(take.settings.side_least_s * take.rate_hz))
+    pairs = edges.reshape(-1, 2).tolist()
+    return [(first, last) for first, last in pairs if last - first >= least]
+
+
+def _exchange(
+    take: Fitting, fits: Sequence[Fit], limbs: Limbs, ends: Floats, frames: NDArray[np.integer]
+) -> dict[int, Fit]:
+    """Return fits of frames whose limbs end where the other one of the pair did."""
+    model, settings = take.model, take.settings
+    rest = middles(model, rest_pose(model.origin))
+
+    def reach(pose: Pose, t: int) -> Fit:
+        sample, found = take.sample(t), fits[t]
+        for limb, place in zip(limbs, ends[t, ::-1], strict=True):
+            offset = rest[limb.end] - model.origin[limb.end]
+            tried = [
+                fit_frame(model, sample, way, way, settings=settings.fit, steps=3, widening=1.2)
+                for way in reach_for(pose, model.origin, limb, offset, place, settings.swivels)
+            ]
+            found = max(tried, key=lambda fit: fit.likelihood)
+            pose = found.pose
+        return found
+
+    shown = [t for t in frames.tolist() if take.sample(t).count]
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(shown, pool.map(lambda t: reach(fits[t].pose, t), shown), strict=True))
+
+
+def _gain(fits: Sequence[Fit], others: dict[int, Fit]) -> float:
+    """Return how much better others explain their frames, in the mean."""
+    gains = [other.likelihood - fits[t].likelihood for t, other in others.items()]
+    return float(np.mean(gains)) if gains else -np.inf
+
+
+def _with_cues_exchanged(take: Fitting, pair: tuple[int, int], frames: range) -> Fitting:
+    """Return the take with what was seen of a pair exchanged in some frames."""
+    changed = {}
+    for name in ("cues", "cue_weights"):
+        table = getattr(take, name)
+        if table is not None:
+            changed[name] = table.copy()
+            changed[name][np.ix_(frames, pair)] = table[np.ix_(frames, pair[::-1])]
+    return replace(take, **changed)

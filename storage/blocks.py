@@ -10,6 +10,7 @@ the next one goes on where it was; when the take is published, its blocks go.
 import io
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
@@ -36,8 +37,10 @@ def write_block(
         `path`, `start`, `end` and `sha256`, as JSON can hold them; equal arrays give an equal
         SHA-256. And `seconds` since `begun`, of `time.monotonic()`.
     """
-    content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **{n: _packed(arrays[n]) for n in sorted(arrays)})
+    content, names = io.BytesIO(), sorted(arrays)
+    with ThreadPoolExecutor() as pool:
+        packed_arrays = pool.map(_packed, (arrays[name] for name in names))
+        np.savez(content, allow_pickle=False, **dict(zip(names, packed_arrays, strict=True)))
     packed = content.getvalue()
     write_file(place, path, packed)
     seconds = round(time.monotonic() - begun, 3)
@@ -65,7 +68,9 @@ def read_block(
             f"{place.url(block['path'])} was changed or removed during the run; run it again"
         )
     with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
-        return {name: _unpacked(arrays[name]) for name in names or arrays.files}
+        wanted = {name: arrays[name] for name in names or arrays.files}
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(wanted, pool.map(_unpacked, wanted.values()), strict=True))
 
 
 def _packed(array: NDArray) -> NDArray[np.uint8]:

@@ -49,8 +49,8 @@ class CandidateSettings:
     hands: int = 8
     """Most lumps a frame."""
 
-    faces: int = 4
-    """Most lumps of a face's size a frame."""
+    faces: int = 8
+    """Most lumps of a face's size a frame: bare hands and feet are four that may show more skin."""
 
     ends: int = 8
     """Most ends a frame: head, hands, feet, and as many again of elbows and cloth."""

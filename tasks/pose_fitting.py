@@ -146,7 +146,7 @@ def fit_poses(
         settings,
         cues,
         cue_weights,
-        initial_frame,
+        None if cues is None else cues[initial_frame],
         draw_samples(hulls, surfaces, settings.sample),
         learn_looks(bone, surfaces, initial_frame, settings.most_likeness),
     )

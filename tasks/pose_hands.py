@@ -35,7 +35,7 @@ def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -
     ends
         Of each frame, (place, 3), m, where a hand could be.
     """
-    if take.cues is None:
+    if take.cues is None or take.placed is None:
         return take
     step = max(1, round(take.settings.hand_missing_s * take.rate_hz))
     frames = range(take.frames)
@@ -62,7 +62,7 @@ def _elsewhere(
     take: Fitting, fit: Fit, frame: int, ends: Floats
 ) -> tuple[Floats | None, Floats | None]:
     """Return where right and left hand are instead; None where nothing says so."""
-    assert take.cues is not None
+    assert take.placed is not None
     model, settings = take.model, take.settings
     best: list[tuple[float, Floats | None]] = [(settings.hand_missing, None)] * 2
     free = _free_ends(take, fit, ends)
@@ -70,7 +70,7 @@ def _elsewhere(
         return None, None
     sample, joints = take.sample(frame), place_bones(fit.pose, model.origin)
     for hand, limb in enumerate(LIMBS[:2]):
-        offset = take.cues[take.initial_frame, _HANDS[hand]] - model.origin[limb.end]
+        offset = take.placed[_HANDS[hand]] - model.origin[limb.end]
         if not np.isfinite(offset).all():
             continue
         upper = np.linalg.norm(model.origin[limb.lower] - model.origin[limb.upper])

@@ -126,7 +126,9 @@ class Fitting:
     settings: PoseSettings
     cues: Floats | None
     cue_weights: Floats | None
-    initial_frame: int
+    placed: Floats | None
+    """(5, 3) of the cues in the initial frame, m."""
+
     samples: list[Drawn]
     looks: NDArray[np.float32]
 
@@ -134,6 +136,12 @@ class Fitting:
     def frames(self) -> int:
         """How many there are."""
         return len(self.samples)
+
+    def part(self, first: int, last: int) -> "Fitting":
+        """Return the frames from `first` to before `last` as a take."""
+        tables = {"cues": self.cues, "cue_weights": self.cue_weights}
+        cut = {name: table[first:last] for name, table in tables.items() if table is not None}
+        return replace(self, samples=self.samples[first:last], **cut)
 
     def sample(self, frame: int) -> Voxels:
         """Return an even sample of a frame's voxels, with what their colors say."""
@@ -143,13 +151,13 @@ class Fitting:
     def targets(self, frame: int) -> list[Target]:
         """Return where face and hands were seen."""
         found: list[Target] = []
-        if self.cues is None:
+        if self.cues is None or self.placed is None:
             return found
         pulls = self.settings
         pull = (pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2)
         scale = 1.7 / self.model.stature
         for i, k in enumerate(_CUE_BONES):
-            offset = self.cues[self.initial_frame, i] - self.model.origin[k]
+            offset = self.placed[i] - self.model.origin[k]
             place = self.cues[frame, i]
             sure = 1.0 if self.cue_weights is None else self.cue_weights[frame, i]
             if np.isfinite(offset).all() and np.isfinite(place).all() and sure > 0:

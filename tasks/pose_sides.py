@@ -49,15 +49,15 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
             tried = _exchange(take, kept, limbs, ends, looked)
             if _gain(kept, tried) < -margin:
                 continue
-            crossed = _with_cues_exchanged(take, cues, range(first, last))
-            there = follow(crossed, range(first, last), tried[min(tried)].pose)
-            back = follow(crossed, range(last - 1, first - 1, -1), tried[max(tried)].pose)[::-1]
-            both = ([*kept[:first], *part, *kept[last:]] for part in (there, back))
-            other = settle(crossed, merge(crossed, *both))
-            gain = _gain(kept, {t: other[t] for t in range(first, last)})
+            crossed = _with_cues_exchanged(take.part(first, last), cues)
+            frames = range(last - first)
+            there = follow(crossed, frames, tried[min(tried)].pose)
+            back = follow(crossed, frames[::-1], tried[max(tried)].pose)[::-1]
+            other = settle(crossed, merge(crossed, there, back))
+            gain = _gain(kept[first:last], dict(enumerate(other)))
             unsure[first:last, pair] = gain < margin
             if gain > 0:
-                take, kept = crossed, other
+                kept[first:last] = other
     return kept, unsure
 
 
@@ -104,12 +104,12 @@ def _gain(fits: Sequence[Fit], others: dict[int, Fit]) -> float:
     return float(np.mean(gains)) if gains else -np.inf
 
 
-def _with_cues_exchanged(take: Fitting, pair: tuple[int, int], frames: range) -> Fitting:
-    """Return the take with what was seen of a pair exchanged in some frames."""
+def _with_cues_exchanged(take: Fitting, pair: tuple[int, int]) -> Fitting:
+    """Return the take with what was seen of a pair exchanged."""
     changed = {}
     for name in ("cues", "cue_weights"):
         table = getattr(take, name)
         if table is not None:
             changed[name] = table.copy()
-            changed[name][np.ix_(frames, pair)] = table[np.ix_(frames, pair[::-1])]
+            changed[name][:, pair] = table[:, pair[::-1]]
     return replace(take, **changed)

@@ -33,7 +33,7 @@ def strayed():
     samples = draw_samples([take_frame(runs, t) for t in range(FRAMES)], None, 2000)
     looks = np.ones((1, len(BONES) + 1), np.float32)
     weights = np.full((FRAMES, 5), 0.5)
-    take = Fitting(GRID, RATE, model, PoseSettings(), cues, weights, 0, samples, looks)
+    take = Fitting(GRID, RATE, model, PoseSettings(), cues, weights, cues[0], samples, looks)
     rest = rest_pose(model.origin)
     astray = reach_for(rest, model.origin, LIMBS[0], OFF, left - [0.3, 0.0, 0.0], 1)[0]
     fits = [

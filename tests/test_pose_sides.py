@@ -32,7 +32,7 @@ def crossed():
     cues[:, 1:3] = hands
     samples = draw_samples([take_frame(runs, t) for t in range(len(BENDS))], None, 2000)
     looks = np.ones((1, len(BONES) + 1), np.float32)
-    take = Fitting(GRID, 20.0, model, PoseSettings(), cues, weights, 0, samples, looks)
+    take = Fitting(GRID, 20.0, model, PoseSettings(), cues, weights, cues[0], samples, looks)
     rest = rest_pose(model.origin)
     offsets = [middles(model, rest)[limb.end] - model.origin[limb.end] for limb in LIMBS[:2]]
 

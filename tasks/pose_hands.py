@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from tasks.geometry.articulated import Floats, place_bones
-from tasks.geometry.blob_fitting import Fit, fit_frame
+from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import place_model
-from tasks.geometry.limb_search import LIMBS, reach_for
-from tasks.pose_passes import Fitting
+from tasks.geometry.limb_search import LIMBS
+from tasks.pose_passes import Fitting, reach_best
 
 Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
 
@@ -77,13 +77,10 @@ def _elsewhere(
         lower = np.linalg.norm(model.origin[limb.end] + offset - model.origin[limb.lower])
         away = np.linalg.norm(free - joints[limb.upper], axis=1)
         for place in free[away < 1.1 * (upper + lower)]:
-            for pose in reach_for(fit.pose, model.origin, limb, offset, place, settings.swivels):
-                other = fit_frame(
-                    model, sample, pose, pose, settings=settings.fit, steps=3, widening=1.2
-                )
-                gain = other.likelihood - fit.likelihood
-                if gain > best[hand][0]:
-                    best[hand] = (gain, place)
+            other = reach_best(take, sample, fit.pose, limb, offset, place)
+            gain = other.likelihood - fit.likelihood
+            if gain > best[hand][0]:
+                best[hand] = (gain, place)
     (right_gain, right), (left_gain, left) = best
     if right is not None and left is not None and (right == left).all():
         return (right, None) if right_gain >= left_gain else (None, left)

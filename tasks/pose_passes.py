@@ -24,7 +24,7 @@ from tasks.geometry.blob_fitting import (
 )
 from tasks.geometry.blobs import Voxels, gather_voxels
 from tasks.geometry.fit_model import FitModel, middles
-from tasks.geometry.limb_search import LIMBS, choose_fits, reach_for
+from tasks.geometry.limb_search import LIMBS, Limb, choose_fits, reach_for
 from tasks.geometry.voxel_samples import Drawn
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
@@ -212,6 +212,22 @@ def _find_again(take: Fitting, fit: Fit, sample: Voxels, targets: Sequence[Targe
                 best = other
         fit = best
     return fit
+
+
+def reach_best(
+    take: Fitting, sample: Voxels, pose: Pose, limb: Limb, offset: Floats, place: Floats
+) -> Fit:
+    """Return the likeliest fit of a frame that begins with a limb's end at a place, m.
+
+    `offset` is the point of the end bone that comes there, as of `reach_for`.
+    """
+    model, settings = take.model, take.settings
+    ways = reach_for(pose, model.origin, limb, offset, place, settings.swivels)
+    fits = [
+        fit_frame(model, sample, way, way, settings=settings.fit, steps=3, widening=1.2)
+        for way in ways
+    ]
+    return max(fits, key=lambda fit: fit.likelihood)
 
 
 def merge(take: Fitting, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pose]:

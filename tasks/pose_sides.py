@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.articulated import Floats, Pose, rest_pose
-from tasks.geometry.blob_fitting import Fit, fit_frame
+from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import middles
-from tasks.geometry.limb_search import LIMBS, Limb, reach_for
-from tasks.pose_passes import Fitting, follow, merge, settle
+from tasks.geometry.limb_search import LIMBS, Limb
+from tasks.pose_passes import Fitting, follow, merge, reach_best, settle
 
 _PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))  # arms and legs, and the cues of their ends
 
@@ -78,18 +78,14 @@ def _exchange(
     take: Fitting, fits: Sequence[Fit], limbs: Limbs, ends: Floats, frames: NDArray[np.integer]
 ) -> dict[int, Fit]:
     """Return fits of frames whose limbs end where the other one of the pair did."""
-    model, settings = take.model, take.settings
+    model = take.model
     rest = middles(model, rest_pose(model.origin))
 
     def reach(pose: Pose, t: int) -> Fit:
         sample, found = take.sample(t), fits[t]
         for limb, place in zip(limbs, ends[t, ::-1], strict=True):
             offset = rest[limb.end] - model.origin[limb.end]
-            tried = [
-                fit_frame(model, sample, way, way, settings=settings.fit, steps=3, widening=1.2)
-                for way in reach_for(pose, model.origin, limb, offset, place, settings.swivels)
-            ]
-            found = max(tried, key=lambda fit: fit.likelihood)
+            found = reach_best(take, sample, pose, limb, offset, place)
             pose = found.pose
         return found
 

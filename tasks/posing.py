@@ -152,10 +152,10 @@ def fit_take(
     dict
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
-        why it is so beside badly fitting segments, `unexplained` and `cut_off` (time,) bool, what
-        labels voxels (of the method `joint` the body's fields, and `turn` and `shift` a frame, and
-        as further reasons to doubt `hands_unsure` and `feet_unsure`; of `paper` `blob_mean` and
-        `blob_inverse` a frame), the joints that the body was measured with (`initial_joint`), and
+        why it is so beside badly fitting segments, `unexplained`, `cut_off` and, of the method
+        `joint`, `hands_unsure` and `feet_unsure` (time,) bool, what labels voxels (of `joint` the
+        body's fields, and `turn` and `shift` a frame; of `paper` `blob_mean` and `blob_inverse` a
+        frame), the joints that the body was measured with (`initial_joint`), and
         where face and hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()

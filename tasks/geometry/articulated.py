@@ -328,6 +328,29 @@ def add_points(bone: Any, points: Any, weights: Any, residuals: Any, joints: Any
 
 
 @njit(cache=True, nogil=True)
+def solve(system: Any, step: Any) -> None:
+    """Write the solution of the normal equations `system` (unknown, unknown + 1), which change.
+
+    A bone's unknowns meet those of the bones that it hangs on only, and these come before them but
+    for the head's, which meets the same: eliminated from the last to the first, no zero is filled
+    (George and Liu 1981), and most of the matrix is never looked at.
+    """
+    count = system.shape[0]
+    for k in range(count - 1, -1, -1):
+        for i in range(k):
+            if system[k, i] != 0.0:
+                share = system[k, i] / system[k, k]
+                for j in range(i + 1):
+                    system[i, j] -= share * system[k, j]
+                system[i, count] -= share * system[k, count]
+    for k in range(count):
+        step[k] = system[k, count]
+        for i in range(k):
+            step[k] -= system[k, i] * step[i]
+        step[k] /= system[k, k]
+
+
+@njit(cache=True, nogil=True)
 def move(step: Any, rotation: Any, turned: Any) -> None:
     """Write the rotations after a step of the unknowns."""
     total = np.zeros((rotation.shape[0], 3))

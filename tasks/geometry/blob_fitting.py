@@ -22,6 +22,7 @@ from tasks.geometry.articulated import (
     move,
     place_bones,
     place_joints,
+    solve,
 )
 from tasks.geometry.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.geometry.fit_model import FitModel
@@ -180,6 +181,7 @@ def _climb(
     placed = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
     evidence = np.empty((own, 3, 3)), np.empty((own, 3))
     joints, turned = np.empty((len(origin), 3)), np.empty_like(rotation)
+    step = np.empty(UNKNOWNS)
     likelihood = 0.0
     for turn in range(steps + 1):
         widening = wide + (1.0 - wide) * min(1.0, turn / anneal)
@@ -199,7 +201,7 @@ def _climb(
             right[a] += _ROOT_STAYS * (foreseen[0][a] - root[a])
         for k in range(UNKNOWNS):
             normal[k, k] += 1e-6
-        step = np.linalg.solve(normal.copy(), right.copy())
+        solve(system, step)
         largest = np.abs(step[3:]).max()
         step *= min(1.0, numbers[2] / max(largest, 1e-9))
         move(step, rotation, turned)

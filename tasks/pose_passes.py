@@ -83,7 +83,7 @@ class PoseSettings:
     """For so long, at least, two are apart that are looked at whether they are exchanged."""
 
     side_frames: int = 6
-    """In so many frames of each such time."""
+    """In so many frames of each such time at least, and in one a second."""
 
     side_margin: float = 0.01
     """A pair may be exchanged where that explains the voxels worse by less than this, in the mean

@@ -45,7 +45,8 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
         at = np.stack([middles(take.model, fit.pose) for fit in kept])
         ends = at[:, [limb.end for limb in limbs]]
         for first, last in _stretches(take, ends):
-            looked = np.unique(np.linspace(first, last - 1, take.settings.side_frames).astype(int))
+            count = max(take.settings.side_frames, round((last - first) / take.rate_hz))
+            looked = np.unique(np.linspace(first, last - 1, count).astype(int))
             tried = _exchange(take, kept, limbs, ends, looked)
             if _gain(kept, tried) < -margin:
                 continue

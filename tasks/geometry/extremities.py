@@ -66,6 +66,10 @@ class ExtremitySettings:
     no_end: float = 0.3
     """Cost of a frame in which a hand is not an end of the surface; grows as skin says less."""
 
+    usual_end: float = 0.22
+    """A face is as far from the top of the head as at first but for this factor's logarithm, which
+    a neck is not."""
+
     together: float = 2.0
     """Cost of a frame in which both hands are one lump: as of one unseen, for one lump is no
     evidence of two hands. From there on more changes nothing."""
@@ -247,7 +251,9 @@ def choose_extremities(
         settings.face_motion,
         (settings.unseen * pace, 0.0),
     )
-    facing = _facing(candidates, face[:, 0] * stature_m, settings)
+    at = _above_necks(candidates, face[:, 0] * stature_m, initial_frame, stature_m, settings)
+    face[:, 0] = at / stature_m
+    facing = _facing(candidates, at, settings)
     spot = [c.hand / stature_m for c in candidates]
     hand_cost = _hand_costs(candidates, spot, face[:, 0], start, joints, stature_m, model, settings)
     sided = _side_costs(spot, face[:, 0], facing, settings)
@@ -291,6 +297,39 @@ def _face_cost(candidates: Candidates, model: SkinModel, settings: ExtremitySett
     return model.face_separability * _lacking(candidates.face_skin, settings)
 
 
+def _above_necks(
+    candidates: Sequence[Candidates],
+    face: Floats,
+    initial_frame: int,
+    stature_m: float,
+    settings: ExtremitySettings,
+) -> Floats:
+    """Return (time, 3) faces, each moved to one beside it that is as far from an end as at first.
+
+    The end is the top of the head, and what is too far from it is a neck, which shows skin from
+    behind, too.
+    """
+    first = candidates[initial_frame]
+    if np.isnan(face[initial_frame, 0]):
+        return face
+    usual = first.face_end[_nearest_to(first.face, face[initial_frame])]
+    moved = face.copy()
+    for t in np.flatnonzero(np.isfinite(face[:, 0]) & np.isfinite(usual)):
+        frame = candidates[t]
+        own, share = _nearest_to(frame.face, face[t]), frame.face_end / usual
+        beside = np.linalg.norm(frame.face - face[t], axis=1) < 2.0 * usual * stature_m
+        fits = beside & (np.abs(np.log(share)) < settings.usual_end)
+        fits &= frame.face_skin > 0.5 * frame.face_skin[own]
+        if share[own] > 1.0 and fits.any() and not fits[own]:
+            moved[t] = frame.face[np.argmax(np.where(fits, frame.face_skin, -1.0))]
+    return moved
+
+
+def _nearest_to(places: Floats, place: Floats) -> int:
+    """Return which of some places (place, 3) is the nearest to one."""
+    return int(np.argmin(np.linalg.norm(places - place, axis=1)))
+
+
 def _lacking(skin: Floats, settings: ExtremitySettings) -> Floats:
     """Return (candidate,) what it costs that less skin is seen than in the initial model."""
     none = 1.0 - np.clip(skin / settings.some_skin, 0.0, 1.0)
@@ -303,8 +342,7 @@ def _facing(candidates: Sequence[Candidates], face: Floats, settings: ExtremityS
     for t, (frame, place) in enumerate(zip(candidates, face, strict=True)):
         if np.isnan(place[0]):
             continue
-        chosen = np.argmin(np.linalg.norm(frame.face - place, axis=1))
-        front = frame.face_front[chosen] * [1.0, 0.0, 1.0]
+        front = frame.face_front[_nearest_to(frame.face, place)] * [1.0, 0.0, 1.0]
         length = float(np.linalg.norm(front))
         facing[t] = front / max(length, settings.plain_front)
     return facing

@@ -88,6 +88,10 @@ class Candidates:
     """(face candidate, 3) from the middle of the surface around it to the skin in it, in
     statures: a face is in front of its head."""
 
+    face_end: Floats
+    """(face candidate,) statures to the nearest end of the surface, which the top of a head is;
+    infinite where there is none."""
+
 
 @dataclass(frozen=True)
 class ReferenceMasses:
@@ -156,13 +160,16 @@ def find_candidates(
     settings = settings or CandidateSettings()
     if not len(frame.center):
         none = np.empty((0, 3))
-        return Candidates(none, none[:, 0], np.empty(0, np.bool_), none, none[:, 0], none)
+        return Candidates(
+            none, none[:, 0], np.empty(0, np.bool_), none, none[:, 0], none, none[:, 0]
+        )
     cells = gather_cells(frame.center, _ratios(frame, model), settings.cell * stature_m)
     _, lumps, lump_skin = _lumps(cells, 0, references.hand, stature_m, settings)
     near_face, faces, face_skin = _lumps(cells, 1, references.face, stature_m, settings)
     last = find_ends(
         cells, settings.end_least * stature_m, 2.0 * settings.apart * stature_m, settings.ends
     )
+    to_end = np.linalg.norm(faces[:, None] - cells.center[last], axis=2).min(axis=1, initial=np.inf)
     weighed = (cells.center, cells.mass[0], cells.count)
     _, ends = sum_balls(cells, last, cells.center[last], settings.end_reach * stature_m, weighed)
     meets = np.linalg.norm(lumps[:, None] - ends[None], axis=2) < settings.apart * stature_m
@@ -177,6 +184,7 @@ def find_candidates(
         faces,
         face_skin,
         (faces - heads) / stature_m,
+        to_end / stature_m,
     )
 
 

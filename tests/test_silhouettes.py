@@ -138,6 +138,7 @@ def test_chroma_distance_agrees_with_its_naive_twin(rng):
 def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes, noise):
     there = figure()
     there[:5, :9] = there[-4:, -9:] = True  # at the border of the picture
+    there[-4:, np.arange(COLUMNS) % 12 < 5] = True
     color = plate(rng).astype(np.float32)
     image = smooth(noisy(dressed(color * 0.8, there, (150, 40, 60)), rng, noise))
     image[0, 6:8] = color[0, 6:8] * 0.8  # inside the region, but it looks like the background

@@ -28,13 +28,11 @@ from storage.blocks import write_block
 from storage.formats.capture import read_capture
 from tasks.capture_films import largest_image, read_backgrounds, read_films, side_by_side
 from tasks.geometry.background import Background, measure_gain, smooth
+from tasks.geometry.outlines import draw_outline
 from tasks.geometry.silhouette_pixels import take_pixels
 from tasks.geometry.specks import clean_region
 
 RULES = ("chroma", "crcb")
-
-_SQUARE = np.ones((3, 3), np.uint8)
-_LOW = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -124,18 +122,18 @@ def extract_silhouettes(
     silhouettes = np.zeros(frames.shape[:3], np.bool_)
     held = _Held(background)
     for frame, silhouette in zip(frames, silhouettes, strict=True):
-        image = smooth(frame, held.image)
+        image = smooth(frame, held.planes)
         seed = _seed(image, background, held, settings)
         box = _box(seed, 2 * settings.reach_px)
         if box is None:
             continue
         least = settings.speck_share * seed.size, settings.hole_share * seed.size
-        if settings.rule == "crcb":
-            clean_region(seed[box], least, silhouette[box])
-        else:
-            planes = tuple(plane[box].copy() for plane in (*held.planes, *held.behind))
-            outlined = _outlined(planes, seed[box], least, settings)
-            clean_region(outlined, least, silhouette[box])
+        region = seed[box].copy()
+        if settings.rule == "chroma":
+            region = _outlined(region, (box[0].start, box[1].start), held, least, settings)
+        cleaned = np.empty(region.shape, np.bool_)
+        clean_region(region, least, cleaned)
+        silhouette[box] = cleaned
     return silhouettes
 
 
@@ -144,9 +142,10 @@ class _Held:
 
     def __init__(self, background: Background) -> None:
         size = background.color.shape[:2]
-        self.behind = cv2.split(background.color)
-        self.image = np.empty((*size, 3), np.uint8)
-        self.planes = tuple(np.empty(size, np.uint8) for _ in range(3))
+        self.behind = np.empty((4, *size), np.float32)
+        self.behind[:3] = background.color.transpose(2, 0, 1)
+        self.behind[3] = self.behind[0] + self.behind[1] + self.behind[2]
+        self.planes = np.empty((3, *size), np.uint8)
         self.seed = np.empty(size, np.uint8)
 
 
@@ -183,29 +182,24 @@ def _seed(
         ],
         np.float32,
     )
-    cv2.split(image, held.planes)
     _differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
     return held.seed
 
 
 def _outlined(
-    planes: tuple[Any, ...],
     seed: NDArray[np.uint8],
+    corner: tuple[int, int],
+    held: _Held,
     least: tuple[float, float],
     settings: SilhouetteSettings,
 ) -> NDArray[np.uint8]:
-    """Return the seed with its outline drawn where the colors beside it meet.
-
-    planes : red, green, blue of the image, uint8, and of the background, float32
-    """
-    found = np.zeros(seed.shape, np.bool_)
+    """Return the seed, which begins at a corner, with its outline where the colors meet."""
+    found = np.empty(seed.shape, np.bool_)
     clean_region(seed, least, found)
     inside = found.view(np.uint8)
+    rule = settings.reach_px, settings.cut
     for _ in range(settings.passes):
-        zone: Any = inside + cv2.erode(inside, _SQUARE, borderType=cv2.BORDER_REPLICATE)
-        zone += cv2.dilate(inside, _SQUARE, borderType=cv2.BORDER_REPLICATE)
-        inside = np.empty_like(zone)
-        _draw_outline(planes, zone, settings.reach_px, settings.cut, inside)
+        inside = draw_outline(inside, held.planes, held.behind, corner, rule)
     return inside
 
 
@@ -227,16 +221,14 @@ def _differ_in_color(image: Any, behind: Any, noise: Any, limits: Any, seed: Any
     Planes of a channel each, and loops without branches, so that they are vectorized.
     """
     gain, threshold, levels, darkest, brightest = limits
-    reds, greens, blues = image
-    reds_behind, greens_behind, blues_behind = behind
     columns = seed.shape[1]
     far, limit = np.empty(columns, np.float32), np.empty(columns, np.float32)
     for i in range(seed.shape[0]):
+        red, green, blue = image[0, i], image[1, i], image[2, i]
+        red_behind, green_behind, blue_behind = behind[0, i], behind[1, i], behind[2, i]
         for j in range(columns):
-            r, g = np.float32(reds[i, j]), np.float32(greens[i, j])
-            b = np.float32(blues[i, j])
-            br, bg = gain * reds_behind[i, j], gain * greens_behind[i, j]
-            bb = gain * blues_behind[i, j]
+            r, g, b = np.float32(red[j]), np.float32(green[j]), np.float32(blue[j])
+            br, bg, bb = gain * red_behind[j], gain * green_behind[j], gain * blue_behind[j]
             length = br * br + bg * bg + bb * bb + np.float32(1.0)  # 1: black has no color
             share = (r * br + g * bg + b * bb) / length
             share = share if share > darkest else darkest
@@ -262,75 +254,6 @@ def _differ_in_chroma(image, color, threshold, seed):
             y = np.float32(0.299) * r + np.float32(0.587) * g + np.float32(0.114) * b
             cr, cb = np.float32(0.713) * (r - y), np.float32(0.564) * (b - y)
             seed[i, j] = max(abs(cr), abs(cb)) > threshold
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _draw_outline(planes: Any, zone: Any, reach: Any, cut: Any, outlined: Any) -> None:
-    """Decide the pixels of zone 1 (beside the outline) and 2 (on it); 0 is outside, 3 inside.
-
-    Of the rows in reach, each column's sums are held: a row comes in, and one goes. Sums are exact
-    in whatever order, for no bit is lost of the brightness of a picture.
-    """
-    rows, columns = zone.shape
-    width = columns + 2 * reach  # a margin, so that no window is cut
-    sums = (np.zeros(width, np.int64), np.zeros(width, np.int64), np.zeros(width, np.int64))
-    behind = np.zeros(width)
-    own = (
-        sums[0][reach : reach + columns],
-        sums[1][reach : reach + columns],
-        sums[2][reach : reach + columns],
-        behind[reach : reach + columns],
-    )
-    for i in range(-reach, rows):
-        if i + reach < rows:
-            _add_row(planes, zone, i + reach, 1, own)
-        if i > reach:
-            _add_row(planes, zone, i - reach - 1, -1, own)
-        if i < 0:
-            continue
-        for j in range(columns):
-            outlined[i, j] = zone[i, j] >= 2
-        for j in range(columns):
-            if zone[i, j] == 1 or zone[i, j] == 2:
-                a = b = c = 0
-                shade = 0.0
-                for k in range(j, j + 2 * reach + 1):
-                    a, b, c = a + sums[0][k], b + sums[1][k], c + sums[2][k]
-                    shade += behind[k]
-                if a & _LOW and c & _LOW and shade > 0:  # else as it was: too thin, too crowded
-                    outlined[i, j] = _is_nearer(planes, i, j, (a, b, c, shade), cut)
-
-
-@njit(cache=True, nogil=True)
-def _add_row(planes: Any, zone: Any, row: Any, sign: Any, sums: Any) -> None:
-    """Add a row to the sums of each column, two of them in a number.
-
-    Red and count, green and blue inside; brightness and count outside; brightness behind that.
-    """
-    kind = zone[row]
-    red, green, blue = planes[0][row], planes[1][row], planes[2][row]
-    red_behind, green_behind, blue_behind = planes[3][row], planes[4][row], planes[5][row]
-    first, second, third, behind = sums
-    for j in range(len(kind)):
-        first[j] += sign * ((np.int64(red[j]) << 32 | 1) if kind[j] == 3 else 0)
-        second[j] += sign * ((np.int64(green[j]) << 32 | np.int64(blue[j])) if kind[j] == 3 else 0)
-        shade = np.int64(red[j]) + np.int64(green[j]) + np.int64(blue[j])
-        third[j] += sign * ((shade << 32 | 1) if kind[j] == 0 else 0)
-        there = np.float64(red_behind[j] + green_behind[j] + blue_behind[j])
-        behind[j] += sign * (there if kind[j] == 0 else 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_nearer(planes: Any, i: Any, j: Any, sums: Any, cut: Any) -> Any:
-    """Return whether a pixel's color is nearer to that inside than to that behind."""
-    red, green, blue, red_behind, green_behind, blue_behind = planes
-    a, b, c, behind = sums
-    inside, share = a & _LOW, (c >> 32) / behind
-    br, bg, bb = share * red_behind[i, j], share * green_behind[i, j], share * blue_behind[i, j]
-    dr, dg, db = (a >> 32) / inside - br, (b >> 32) / inside - bg, (b & _LOW) / inside - bb
-    along = (red[i, j] - br) * dr + (green[i, j] - bg) * dg
-    along += (blue[i, j] - bb) * db
-    return along > cut * (dr * dr + dg * dg + db * db)
 
 
 def extract_block(

@@ -45,9 +45,10 @@ def test_a_clear_line_meets_no_surface(rng, away):
         toward = rng.normal(size=(3, 3))
         toward /= np.linalg.norm(toward, axis=1)[:, None]
         cameras = np.array(SHAPE) / 2 + away * toward
-        share = clear_shares(place, start, cameras, SHAPE)
+        share, saved = clear_shares(place, start, cameras, SHAPE)
         assert share.shape == (3, 40)
-        for own, camera in zip(share, cameras, strict=True):
+        np.testing.assert_array_equal(saved > 0, (share < 1).any(axis=1))
+        for own, camera in zip(share - saved[:, None], cameras, strict=True):
             for begin, first in zip(start, own, strict=True):
                 before = np.linspace(0.0, max(float(first), 0.0), 300)
                 assert not meets(
@@ -64,7 +65,8 @@ def test_a_clear_line_meets_no_surface(rng, away):
 def test_of_a_camera_that_is_not_before_the_hull_nothing_is_known(rng):
     _, place, start = some_lines(rng, 5)
     cameras = np.array([[4.0, 6.0, 5.0], [4.0, 15.0, 5.0], [4.0, 60.0, 5.0]])
-    share = clear_shares(place, start, cameras, SHAPE)
+    share, saved = clear_shares(place, start, cameras, SHAPE)
+    assert (saved[:2] == 0).all()
     assert (share[:2] == 1).all()
     assert (share[2] < 1).all()
 
@@ -72,6 +74,7 @@ def test_of_a_camera_that_is_not_before_the_hull_nothing_is_known(rng):
 def test_a_line_is_blocked_by_what_is_before_it_only():
     place = np.array([[4, 6, 5]])
     start = np.array([[4.0, 1.0, 5.0], [4.0, 10.0, 5.0], [0.0, 1.0, 0.0]])
-    far = clear_shares(place, start, np.array([[4.0, 206.0, 5.0]]), SHAPE)[0]
+    [far], [saved] = clear_shares(place, start, np.array([[4.0, 206.0, 5.0]]), SHAPE)
     assert far[0] == pytest.approx(1.0 - (200.0 - np.sqrt(2.75)) / 205.0, abs=1e-3)
+    assert far[0] - saved == pytest.approx(1.0 - (200.0 - np.sqrt(0.75)) / 205.0, abs=1e-3)
     assert (far[1:] <= 0).all()

@@ -1,12 +1,16 @@
 """Silhouettes agree with slow twins, find planted figures, and leave shadows and flicker out."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from storage.formats.video import open_video, read_frames
 from tasks import silhouettes as stage
+from tasks.geometry import background as backgrounds
 from tasks.geometry.background import Background, make_background, measure_gain, smooth
+from tasks.geometry.outlines import draw_outline
 from tasks.geometry.specks import clean_region
 from tasks.silhouettes import SilhouetteSettings, extract_silhouettes
 from tests import naive_silhouettes as naive
@@ -52,6 +56,11 @@ def one(frame, background, settings=stage.DEFAULT):
     return extract_silhouettes(frame[None], background, settings)[0]
 
 
+def planes(image):
+    """A plane a channel."""
+    return np.ascontiguousarray(image.transpose(2, 0, 1))
+
+
 def random_scene(rng, rows=14, columns=19):
     """A background and a frame that has every kind of pixel, many near the limits."""
     color = rng.uniform(5, 220, (rows, columns, 3)).astype(np.float32)
@@ -61,9 +70,18 @@ def random_scene(rng, rows=14, columns=19):
     return Background(color, noise), np.clip(image, 0, 255).astype(np.uint8)
 
 
-def test_smoothing_agrees_with_its_naive_twin(rng):
-    image = rng.integers(0, 256, (7, 9, 3), dtype=np.uint8)
+@pytest.mark.parametrize("size", [(7, 9), (1, 5), (6, 1), (2, 2)])
+def test_smoothing_agrees_with_its_naive_twin(rng, size):
+    image = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
     np.testing.assert_array_equal(smooth(image), naive.smooth(image))
+
+
+@pytest.mark.parametrize("count", [1, 2, 31, 300])
+@pytest.mark.parametrize("largest", [0.01, 1.1, 12.5], ids=["a bucket", "usual", "beyond buckets"])
+def test_the_median_of_what_can_be_told_is_exact(rng, largest, count):
+    values = rng.uniform(0.9 * largest, largest, count).astype(np.float32)
+    among_others = rng.permutation(np.append(values, np.full(7, np.inf, np.float32)))
+    assert backgrounds._median(among_others, count) == np.median(values)
 
 
 @pytest.mark.parametrize("kind", ["any", "dark", "clipped", "somebody", "far brighter"])
@@ -90,8 +108,7 @@ def test_color_distance_agrees_with_its_naive_twin(rng, levels):
     gain, darkest, brightest, threshold = 1.1, 0.6, 1.2, 14.0
     seed = np.empty(image.shape[:2], np.uint8)
     limits = np.array([gain, threshold, levels, darkest, brightest], np.float32)
-    behind = cv2.split(background.color)
-    stage._differ_in_color(cv2.split(image), behind, background.noise, limits, seed)
+    stage._differ_in_color(planes(image), planes(background.color), background.noise, limits, seed)
     checked = 0
     for i, j in np.ndindex(seed.shape):
         behind = 1.1 * background.color[i, j].astype(float)
@@ -115,22 +132,36 @@ def test_chroma_distance_agrees_with_its_naive_twin(rng):
     assert 0.1 < seed.mean() < 0.9
 
 
-@pytest.mark.parametrize(("cut", "passes"), [(0.3, 1), (0.5, 1), (0.5, 2)])
-def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes):
+@pytest.mark.parametrize(
+    ("cut", "passes", "noise"), [(0.3, 1, 9.0), (0.5, 1, 9.0), (0.5, 2, 9.0), (0.5, 2, 90.0)]
+)
+def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes, noise):
     there = figure()
     there[:5, :9] = there[-4:, -9:] = True  # at the border of the picture
+    there[-4:, np.arange(COLUMNS) % 12 < 5] = True
     color = plate(rng).astype(np.float32)
-    image = smooth(noisy(dressed(color * 0.8, there, (150, 40, 60)), rng, 9.0))
+    image = smooth(noisy(dressed(color * 0.8, there, (150, 40, 60)), rng, noise))
     image[0, 6:8] = color[0, 6:8] * 0.8  # inside the region, but it looks like the background
     rough = cv2.dilate(there.astype(np.uint8), np.ones((2, 2), np.uint8)).astype(bool)
-    settings = SilhouetteSettings(cut=cut, passes=passes)
-    planes = (*cv2.split(image), *cv2.split(color))
-    fast = stage._outlined(planes, rough.astype(np.uint8), (0.0, 0.0), settings)
-    slow = rough
+    behind = np.concatenate([planes(color), color.sum(axis=2, dtype=np.float32)[None]])
+    fast, slow = rough.astype(np.uint8), rough
     for _ in range(passes):
-        slow = naive.outline(image, color, slow, settings.reach_px, cut)
+        fast = draw_outline(fast, planes(image), behind, (0, 0), (3, cut))
+        slow = naive.outline(image, color, slow, 3, cut)
     np.testing.assert_array_equal(fast.astype(bool), slow)
     assert (slow != rough).sum() > 20
+
+
+def test_the_outline_in_a_box_is_that_in_the_picture(rng):
+    there: Any = cv2.dilate(figure().astype(np.uint8), np.ones((2, 2), np.uint8))
+    box = (slice(1, 47), slice(18, 60))
+    color = plate(rng).astype(np.float32)
+    image = planes(noisy(dressed(color * 0.8, figure()), rng, 30.0))
+    behind = np.concatenate([planes(color), color.sum(axis=2, dtype=np.float32)[None]])
+    whole = draw_outline(there, image, behind, (0, 0), (3, 0.5))
+    part = draw_outline(there[box].copy(), image, behind, (1, 18), (3, 0.5))
+    np.testing.assert_array_equal(part, whole[box])
+    assert (whole != there).sum() > 20
 
 
 def test_specks_and_holes_agree_with_their_naive_twin(rng):

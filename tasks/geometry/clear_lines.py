@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 _RADIUS = np.sqrt(0.75)  # of a voxel, to its corner
 _REACH = np.sqrt(2.75) + 1e-2  # from a voxel's center all through a neighbor; and rounding
+_SAVED = _REACH - _RADIUS - 1e-2
 _NEAREST = 2.0  # voxels: with less of a hull before a camera, its directions are not told apart
 
 
@@ -22,10 +23,11 @@ def clear_shares(
     start: NDArray[np.float64],
     cameras: NDArray[np.float64],
     shape: tuple[int, ...],
-) -> NDArray[np.float32]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return from which share of its way on a line to a camera surely meets nothing.
 
-    That is, no voxel that is on the surface or, where the line leaves one, beside it.
+    That is, no voxel that is on the surface or, where the line leaves one, beside it; of those on
+    the surface alone it meets none from a little earlier on.
 
     Parameters
     ----------
@@ -40,17 +42,22 @@ def clear_shares(
 
     Returns
     -------
-    (camera, line) float32
-        0 or less where no part of the line does; 1 where nothing is known. Of a line that begins
+    share : (camera, line) float32
+        0 or less where all of the line does; 1 where nothing is known. Of a line that begins
         outside the crop it says nothing.
+    saved : (camera,) float32
+        What may be taken from the shares of known lines, where they need not tell of voxels
+        beside the surface.
     """
-    place, start = np.ascontiguousarray(place), np.ascontiguousarray(start)
+    voxels, starts = (np.ascontiguousarray(each.T, np.float64) for each in (place, start))
     share = np.ones((len(cameras), len(start)), np.float32)
-    for camera, own in zip(cameras, share, strict=True):
-        axes, cells = _look_at(camera, np.array(shape, np.float64))
+    saved = np.zeros(len(cameras), np.float32)
+    for c, camera in enumerate(cameras):
+        axes, cells, deepest = _look_at(camera, np.array(shape, np.float64))
         if cells[2] > 0.0:
-            _find_shares(place, start, camera, (axes, cells), own)
-    return share
+            _find_shares(voxels, starts, camera, (axes, cells), share[c])
+            saved[c] = _SAVED / deepest
+    return share, saved
 
 
 @njit(cache=True, nogil=True)
@@ -58,7 +65,7 @@ def _look_at(camera: Any, shape: Any) -> Any:
     """Return axes (3, 3), the last one towards a crop; and what divides what is seen of it.
 
     These are where cells begin in both directions, how many go to a slope of 1 (0: the camera is
-    not before the crop), and how many there are in both directions.
+    not before the crop), and how many there are in both directions. And how deep the crop goes.
     """
     axes = np.zeros((3, 3))
     axes[2] = (shape - 1.0) / 2.0 - camera
@@ -67,22 +74,23 @@ def _look_at(camera: Any, shape: Any) -> Any:
     axes[0] = np.cross(axes[2], axes[0])
     axes[0] /= np.sqrt((axes[0] ** 2).sum())
     axes[1] = np.cross(axes[2], axes[0])
-    low, high, nearest = np.full(2, np.inf), np.full(2, -np.inf), np.inf
+    low, high, nearest, deepest = np.full(2, np.inf), np.full(2, -np.inf), np.inf, 0.0
     for corner in range(8):
         seen = np.zeros(3)
         for k in range(3):
             side = shape[k] - 0.5 if corner >> k & 1 else -0.5
             seen += axes[:, k] * (side - camera[k])
-        nearest = min(nearest, seen[2])
+        nearest, deepest = min(nearest, seen[2]), max(deepest, seen[2])
         for k in range(2):
             slope = seen[k] / max(seen[2], _NEAREST)
             low[k], high[k] = min(low[k], slope), max(high[k], slope)
     if nearest < _NEAREST:
-        return axes, (0.0, 0.0, 0.0, 0, 0)
+        return axes, (0.0, 0.0, 0.0, 0, 0), deepest
     wide = max(-low.min(), high.max())  # the slope at which a voxel covers most
     fine = (nearest - _RADIUS) / (1.001 * _RADIUS * np.sqrt(1.0 + wide**2))
     first, last = low * fine - 2.0, high * fine + 2.0
-    return axes, (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
+    cells = (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
+    return axes, cells, deepest
 
 
 @njit(cache=True, nogil=True)
@@ -90,18 +98,18 @@ def _find_shares(place: Any, start: Any, camera: Any, view: Any, share: Any) -> 
     """Write from which share on the lines to a camera are clear."""
     rows, columns = view[1][3:]
     cells = rows * columns
-    most = max(len(place), len(start))
+    most = max(place.shape[1], start.shape[1])
     cell, depth = np.empty(most, np.int32), np.empty(most, np.float32)
     nearest = np.full(cells, np.float32(np.inf))
     _see(place, camera, view, cell, depth)
-    for n in range(len(place)):
+    for n in range(place.shape[1]):
         if depth[n] < nearest[cell[n]]:
             nearest[cell[n]] = depth[n]
     beside = np.full(cells, np.float32(np.inf))
     _take_least(nearest, columns, beside)
     _take_least(beside, 1, nearest)
     _see(start, camera, view, cell, depth)
-    for n in range(len(start)):
+    for n in range(start.shape[1]):
         there = nearest[min(max(cell[n], 0), cells - 1)]
         share[n] = np.float32(1.0) - (there - np.float32(_REACH)) / depth[n]
 
@@ -118,15 +126,14 @@ def _take_least(values: Any, step: Any, least: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _see(point: Any, camera: Any, view: Any, cell: Any, depth: Any) -> None:
-    """Write in which cell points are seen, and how deep."""
+    """Write in which cell points, (3, point), are seen, and how deep."""
     axes, (row, column, fine, _, columns) = view
     a, b, c = axes[0, 0] * fine, axes[0, 1] * fine, axes[0, 2] * fine
     d, e, f = axes[1, 0] * fine, axes[1, 1] * fine, axes[1, 2] * fine
     g, h, i = axes[2, 0], axes[2, 1], axes[2, 2]
     left, below, behind = camera[0], camera[1], camera[2]
-    flat = point.reshape(-1)
-    for n in range(len(point)):
-        x, y, z = flat[3 * n] - left, flat[3 * n + 1] - below, flat[3 * n + 2] - behind
+    for n in range(point.shape[1]):
+        x, y, z = point[0, n] - left, point[1, n] - below, point[2, n] - behind
         deep = g * x + h * y + i * z
         near = 1.0 / deep
         u, v = (a * x + b * y + c * z) * near - row, (d * x + e * y + f * z) * near - column

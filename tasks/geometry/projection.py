@@ -125,10 +125,13 @@ def one_to_one_radius(projection: Projection) -> NDArray[np.float64]:
     return radius
 
 
+@lru_cache(maxsize=8)
 def camera_centers(projection: Projection) -> NDArray[np.float64]:
     """Return (camera, 3) where the cameras stand in the world, m."""
     pose = projection.camera_from_world
-    return np.linalg.solve(pose[:, :, :3], -pose[:, :, 3:])[:, :, 0].astype(np.float64)
+    center = np.linalg.solve(pose[:, :, :3], -pose[:, :, 3:])[:, :, 0].astype(np.float64)
+    center.flags.writeable = False
+    return center
 
 
 def project_points(

@@ -22,6 +22,12 @@ from tasks.geometry.clear_lines import clear_shares
 REACH = 2
 """Voxels around a voxel that its normal is taken from."""
 
+_NEAR, _FREE, _OUTSIDE, _INSIDE = range(4)
+"""Where a line to a camera begins: so near to its own voxel that it may pass through it, or in what
+is empty beyond it; outside the crop, so that nothing blocks it; in another voxel, which does."""
+
+_CORNER = 0.76  # voxels, squared, from a voxel's center to beyond its corner
+
 
 def hide_pixels(
     crop: NDArray[np.uint8],
@@ -46,76 +52,144 @@ def hide_pixels(
         Where the cameras film the voxels; row and column are -1 where they do not. Changed in
         place, the row only.
     """
-    normal = np.empty((len(place), 3))
-    _find_normals(crop, place, normal)
-    start = place + lift * normal
-    share = clear_shares(place, start, cameras, crop.shape)
+    normal = np.empty((3, len(place)))
+    _find_normals(_code_lines(crop), place, normal)
+    start = place.T + lift * normal
+    state, own = np.empty(len(place), np.uint8), np.empty(len(place), np.int64)
+    _look_around(crop, place, start, state, own)
+    share, saved = clear_shares(place, start.T, cameras, crop.shape)
+    surface = (start, normal, state, own)
     seen = np.zeros(len(place), np.bool_)
-    for hide in (_hide_in_front, _hide_behind):
-        for c, camera in enumerate(cameras):  # lines that go the same way take the same branches
-            hide(crop, (place, start, normal), camera, share[c], pixel[c, :, 0], seen)
+    for c, camera in enumerate(cameras):  # lines that go the same way take the same branches
+        _hide_in_front(crop, surface, camera, (share[c], saved[c]), pixel[c, :, 0], seen)
+    for c, camera in enumerate(cameras):
+        _hide_behind(crop, surface, camera, share[c], pixel[c, :, 0], seen)
 
 
 @njit(cache=True, nogil=True)
-def _find_normals(crop: Any, place: Any, normal: Any) -> None:
+def _code_lines(crop: Any) -> Any:
+    """Return which of the voxels from two under to two above each one, along z, are occupied.
+
+    The lowest bit is that of the one under; what lies outside the crop is empty.
+    """
+    code = np.zeros(crop.shape, np.uint8)
+    depth = crop.shape[2]
+    for i in range(crop.shape[0]):
+        for j in range(crop.shape[1]):
+            line, bits = crop[i, j], code[i, j]
+            for bit in range(2 * REACH + 1):
+                first, end = max(0, REACH - bit), min(depth, depth + REACH - bit)
+                from_line, into = line[first + bit - REACH : end + bit - REACH], bits[first:end]
+                for k in range(len(into)):
+                    into[k] |= from_line[k] << bit
+    return code
+
+
+@njit(cache=True, nogil=True)
+def _find_normals(code: Any, place: Any, normal: Any) -> None:
     """Write the outward unit normal of each voxel; 0 where what is around is symmetric.
 
-    Away from what is occupied is toward what is empty, for the voxels around have the mean 0.
+    Away from what is occupied is toward what is empty, for the voxels around have the mean 0. Of
+    each line along z its count and its weight are in a number, and so are the sums of them.
     """
+    unit = 1 << 16
+    table = np.zeros(1 << (2 * REACH + 1), np.int64)
+    for bits in range(len(table)):
+        for k in range(2 * REACH + 1):
+            table[bits] += (unit + k - REACH) * (bits >> k & 1)
     for n in range(len(place)):
         x, y, z = place[n, 0], place[n, 1], place[n, 2]
-        a = b = c = 0
+        total = along_x = along_y = 0
         for i in range(-REACH, REACH + 1):
             for j in range(-REACH, REACH + 1):
-                line = crop[x + i, y + j, z - REACH : z + REACH + 1]
-                count = 0
-                for k in range(2 * REACH + 1):
-                    count += np.int64(line[k])
-                    c -= (k - REACH) * np.int64(line[k])
-                a, b = a - i * count, b - j * count
+                found = table[code[x + i, y + j, z]]
+                total += found
+                along_x += i * found
+                along_y += j * found
+        half = unit >> 1  # weights may be negative
+        count = (total + half) >> 16
+        a, b = -((along_x + half) >> 16), -((along_y + half) >> 16)
+        c = count * unit - total
         length = max(np.sqrt(a * a + b * b + c * c), 1.0)
-        normal[n, 0], normal[n, 1], normal[n, 2] = a / length, b / length, c / length
+        normal[0, n], normal[1, n], normal[2, n] = a / length, b / length, c / length
 
 
 @njit(cache=True, nogil=True)
-def _hide_in_front(crop: Any, surface: Any, camera: Any, share: Any, row: Any, seen: Any) -> None:
+def _look_around(crop: Any, place: Any, start: Any, state: Any, own: Any) -> None:
+    """Write what is where lines begin, and the number of the voxel that they begin above."""
+    nx, ny, nz = crop.shape
+    for n in range(len(place)):
+        x, y, z = start[0, n], start[1, n], start[2, n]
+        i, j, k = int(np.floor(x + 0.5)), int(np.floor(y + 0.5)), int(np.floor(z + 0.5))
+        own[n] = (place[n, 0] * ny + place[n, 1]) * nz + place[n, 2]
+        if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+            state[n] = _OUTSIDE
+        elif crop[i, j, k] and (i * ny + j) * nz + k != own[n]:
+            state[n] = _INSIDE
+        else:
+            away = (x - place[n, 0]) ** 2 + (y - place[n, 1]) ** 2 + (z - place[n, 2]) ** 2
+            state[n] = _FREE if away > _CORNER else _NEAR
+
+
+@njit(cache=True, nogil=True)
+def _hide_in_front(crop: Any, surface: Any, camera: Any, clear: Any, row: Any, seen: Any) -> None:
     """Write -1 for the rows that a camera before the surface does not see; mark what it sees.
 
-    Those that it would see from behind are written as -2 less the row, for they wait.
+    Those that it would see from behind are written as -2 less the row, for they wait. The loops
+    before the walk have no branches: whether a voxel is seen cannot be foreseen. A line that begins
+    beyond its own voxel leads away from it, so that what it meets first is of the surface.
     """
-    place, start, normal = surface
-    grid = (crop.ravel(), crop.shape)
-    for n in range(len(place)):
-        if row[n] < 0:
-            continue
-        x, y, z = start[n, 0], start[n, 1], start[n, 2]
-        way = (camera[0] - x, camera[1] - y, camera[2] - z)
-        if way[0] * normal[n, 0] + way[1] * normal[n, 1] + way[2] * normal[n, 2] < 0:
-            row[n] = -2 - row[n]
-            continue
-        own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
-        if _blocked(grid, (x, y, z), way, own, share[n]):
-            row[n] = -1
-        else:
-            seen[n] = True
+    start, normal, state, _ = surface
+    share, saved = clear
+    toward = np.empty(len(row))
+    for n in range(len(row)):
+        along = (camera[0] - start[0, n]) * normal[0, n] + (camera[1] - start[1, n]) * normal[1, n]
+        toward[n] = along + (camera[2] - start[2, n]) * normal[2, n]
+    lines, count = np.empty(len(row), np.int32), 0
+    end = np.empty(len(row), np.float32)
+    for n in range(len(row)):
+        end[n] = share[n] - (saved if state[n] == _FREE else np.float32(0.0))
+    for n in range(len(row)):
+        own = row[n]
+        front = (own >= 0) & (toward[n] >= 0)
+        is_clear = end[n] <= 0
+        is_clear = (state[n] == _OUTSIDE) | (is_clear & (state[n] != _INSIDE))
+        row[n] = own if front | (own < 0) else -2 - own
+        row[n] = -1 if front & (state[n] == _INSIDE) else row[n]
+        seen[n] |= front & is_clear
+        lines[count] = n
+        count += front & (not is_clear) & (state[n] != _INSIDE)
+    _walk(crop, surface, camera, (lines[:count], end), row, seen)
 
 
 @njit(cache=True, nogil=True)
 def _hide_behind(crop: Any, surface: Any, camera: Any, share: Any, row: Any, seen: Any) -> None:
     """Write the rows that wait, or -1 where another camera sees the voxel or this one does not."""
-    place, start, _ = surface
-    grid = (crop.ravel(), crop.shape)
-    for n in range(len(place)):
+    lines, count = np.empty(len(row), np.int32), 0
+    for n in range(len(row)):
         waiting = -2 - row[n]
-        if waiting < 0:
-            continue
-        row[n] = -1
-        if not seen[n]:
-            x, y, z = start[n, 0], start[n, 1], start[n, 2]
-            way = (camera[0] - x, camera[1] - y, camera[2] - z)
-            own = (place[n, 0] * crop.shape[1] + place[n, 1]) * crop.shape[2] + place[n, 2]
-            if not _blocked(grid, (x, y, z), way, own, share[n]):
-                row[n] = waiting
+        waits = (waiting >= 0) & (not seen[n])
+        hidden = row[n] if waiting < 0 else -1
+        row[n] = waiting if waits else hidden
+        lines[count] = n
+        count += waits
+    found = np.zeros(len(row), np.bool_)  # those behind a surface do not stand in for each other
+    _walk(crop, surface, camera, (lines[:count], share), row, found)
+
+
+@njit(cache=True, nogil=True)
+def _walk(crop: Any, surface: Any, camera: Any, chosen: Any, row: Any, seen: Any) -> None:
+    """Write -1 for the rows whose lines to a camera are blocked; mark the others as seen."""
+    start, _, _, own = surface
+    lines, share = chosen
+    grid = (crop.ravel(), crop.shape)
+    for n in lines:
+        x, y, z = start[0, n], start[1, n], start[2, n]
+        way = (camera[0] - x, camera[1] - y, camera[2] - z)
+        if _blocked(grid, (x, y, z), way, own[n], share[n]):
+            row[n] = -1
+        else:
+            seen[n] = True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

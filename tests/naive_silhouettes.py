@@ -46,7 +46,7 @@ def chroma(pixel):
     return 0.713 * (r - y), 0.564 * (b - y)
 
 
-def outline(image, color, inside, reach, cut):
+def outline(image, color, inside, reach, cut, other=np.inf):
     """Return a region with the pixels along its outline decided by the colors beside it."""
     rows, columns = inside.shape
     near = [(di, dj) for di in (-1, 0, 1) for dj in (-1, 0, 1)]
@@ -74,7 +74,9 @@ def outline(image, color, inside, reach, cut):
             share = image[window][back].sum(dtype=float) / color[window][back].sum(dtype=float)
             behind = share * color[i, j].astype(float)
             toward = front.mean(axis=0) - behind
-            out[i, j] = (image[i, j] - behind) @ toward > cut * (toward @ toward)
+            own, length = image[i, j] - behind, np.linalg.norm(toward)
+            rest = own - (own @ toward) * toward / length**2  # what no mixture explains
+            out[i, j] = own @ toward > cut * length**2 or np.linalg.norm(rest) > other
     return out
 
 

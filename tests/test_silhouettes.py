@@ -133,9 +133,16 @@ def test_chroma_distance_agrees_with_its_naive_twin(rng):
 
 
 @pytest.mark.parametrize(
-    ("cut", "passes", "noise"), [(0.3, 1, 9.0), (0.5, 1, 9.0), (0.5, 2, 9.0), (0.5, 2, 90.0)]
+    ("cut", "passes", "noise", "other"),
+    [
+        (0.3, 1, 9.0, np.inf),
+        (0.5, 1, 9.0, np.inf),
+        (0.5, 2, 9.0, 30.0),
+        (0.5, 2, 90.0, 60.0),
+        (0.5, 2, 90.0, np.inf),
+    ],
 )
-def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes, noise):
+def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes, noise, other):
     there = figure()
     there[:5, :9] = there[-4:, -9:] = True  # at the border of the picture
     there[-4:, np.arange(COLUMNS) % 12 < 5] = True
@@ -146,20 +153,29 @@ def test_the_outline_agrees_with_its_naive_twin(rng, cut, passes, noise):
     behind = np.concatenate([planes(color), color.sum(axis=2, dtype=np.float32)[None]])
     fast, slow = rough.astype(np.uint8), rough
     for _ in range(passes):
-        fast = draw_outline(fast, planes(image), behind, (0, 0), (3, cut))
-        slow = naive.outline(image, color, slow, 3, cut)
+        fast = draw_outline(fast, planes(image), behind, (0, 0), (3, cut, other))
+        slow = naive.outline(image, color, slow, 3, cut, other)
     np.testing.assert_array_equal(fast.astype(bool), slow)
     assert (slow != rough).sum() > 20
 
 
+def test_a_thin_hand_of_another_color_beside_the_trunk_is_kept(rng):
+    trunk, hand = figure(), np.zeros((ROWS, COLUMNS), bool)
+    hand[33:36, 37:40] = True
+    image = cv2.blur(dressed(dressed(plate(rng), trunk), hand, (80, 150, 150)), (3, 3))
+    background = make_background(np.stack([plate(rng) for _ in range(20)]))
+    assert one(image, background)[hand].mean() > 0.7
+    assert one(image, background, SilhouetteSettings(other_color=400.0))[hand].mean() < 0.4
+
+
 def test_the_outline_in_a_box_is_that_in_the_picture(rng):
     there: Any = cv2.dilate(figure().astype(np.uint8), np.ones((2, 2), np.uint8))
-    box = (slice(1, 47), slice(18, 60))
+    box = (slice(1, 48), slice(18, 60))
     color = plate(rng).astype(np.float32)
     image = planes(noisy(dressed(color * 0.8, figure()), rng, 30.0))
     behind = np.concatenate([planes(color), color.sum(axis=2, dtype=np.float32)[None]])
-    whole = draw_outline(there, image, behind, (0, 0), (3, 0.5))
-    part = draw_outline(there[box].copy(), image, behind, (1, 18), (3, 0.5))
+    whole = draw_outline(there, image, behind, (0, 0), (3, 0.5, 27.0))
+    part = draw_outline(there[box].copy(), image, behind, (1, 18), (3, 0.5, 27.0))
     np.testing.assert_array_equal(part, whole[box])
     assert (whole != there).sum() > 20
 

@@ -1,7 +1,8 @@
 """Draw the outline of a region to a pixel, where the colors beside it meet.
 
 Beside the outline a pixel belongs to the region where its color is nearer to the region's color
-around it than to the background's, which is taken as dark as it is around it just now.
+around it than to the background's, which is taken as dark as it is around it just now. So does one
+whose color no mixture of these two explains: something else, thin, of the performer's: a hand.
 """
 
 from typing import Any
@@ -18,7 +19,7 @@ def draw_outline(
     image: NDArray[np.uint8],
     behind: NDArray[np.float32],
     corner: tuple[int, int],
-    rule: tuple[int, float],
+    rule: tuple[int, float, float],
 ) -> NDArray[np.uint8]:
     """Return a region whose outline has moved by a pixel at most.
 
@@ -34,7 +35,8 @@ def draw_outline(
         Row and column of the picture at which the box begins.
     rule
         Half width of the window in which the colors beside the outline are looked for; share of the
-        way from the background's color to the region's at which the outline is drawn.
+        way from the background's color to the region's at which the outline is drawn; distance from
+        all mixtures of the two beyond which a color is another one of the region's.
     """
     zone, outlined = np.empty_like(inside), np.empty_like(inside)
     _mark_zone(inside, zone)
@@ -67,7 +69,7 @@ def _draw(zone: Any, pictures: Any, corner: Any, rule: Any, outlined: Any) -> No
     in whatever order, for no bit is lost of the brightness of a picture.
     """
     image, behind = pictures
-    reach, cut = rule
+    reach, cut, other = rule
     rows, columns = zone.shape
     width = columns + 2 * reach  # a margin, so that no window is cut
     sums = (np.zeros(width, np.int64), np.zeros(width, np.int64), np.zeros(width, np.int64))
@@ -95,7 +97,9 @@ def _draw(zone: Any, pictures: Any, corner: Any, rule: Any, outlined: Any) -> No
                     y, x = corner[0] + i, corner[1] + j
                     pixel = (image[0, y, x], image[1, y, x], image[2, y, x])
                     there = (behind[0, y, x], behind[1, y, x], behind[2, y, x])
-                    outlined[i, j] = _is_nearer(pixel, there, (a, b, c, shade), cut)
+                    outlined[i, j] = _belongs(
+                        pixel, there, (a, b, c, shade), (cut, other)
+                    )
 
 
 @njit(cache=True, nogil=True)
@@ -139,12 +143,14 @@ def _change_rows(zone: Any, pictures: Any, corner: Any, changed: Any, sums: Any)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_nearer(pixel: Any, there: Any, sums: Any, cut: Any) -> Any:
-    """Return whether a pixel's color is nearer to that inside than to that behind."""
+def _belongs(pixel: Any, there: Any, sums: Any, rule: Any) -> Any:
+    """Return whether a pixel's color is nearer to that inside than to that behind, or neither."""
+    cut, other = rule
     a, b, c, behind = sums
     inside, share = a & _LOW, (c >> 32) / behind
     br, bg, bb = share * there[0], share * there[1], share * there[2]
     dr, dg, db = (a >> 32) / inside - br, (b >> 32) / inside - bg, (b & _LOW) / inside - bb
-    along = (pixel[0] - br) * dr + (pixel[1] - bg) * dg
-    along += (pixel[2] - bb) * db
-    return along > cut * (dr * dr + dg * dg + db * db)
+    red, green, blue = pixel[0] - br, pixel[1] - bg, pixel[2] - bb
+    along, whole = red * dr + green * dg + blue * db, dr * dr + dg * dg + db * db
+    beside = (red * red + green * green + blue * blue) * whole - along * along
+    return along > cut * whole or beside > other * other * whole

@@ -41,6 +41,8 @@ _NO_CAMERA = 255
 _SETTINGS = {"initial_model": "posing", "pose": "posing", "labels": "posing"}
 
 _DOUBTS = {
+    "unmeasured": "The body was measured with little confidence, so the pose is doubtful in {}: "
+    "correct the joints that `shosa export ARCHIVE TAKE initial.json` writes, with a picture.",
     "cut_off": "The performer touches a side of the volume in {}: what is beyond is missing; "
     "enlarge the [volume].",
     "unexplained": "Voxels belong to no segment in {}: a limb that the pose has lost, another "

@@ -58,6 +58,10 @@ class DoubtSettings:
     """A larger share of such voxels than in the initial frame is a limb that the pose has lost,
     another person, or something held: at most 0.007 more in four captures, 0.06 where the lower
     legs were lost, 0.19 with an umbrella, 0.5 with another person."""
+    least_confidence: float = 0.6
+    """A body that was measured with less confidence makes every frame doubtful: 0.69 and more in
+    eighteen captures that were followed, 0.33 and 0.44 in two whose legs were taken for each
+    other or that lacked limbs."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ def model_take(
     -------
     dict
         As `storage.blocks.write_block`, and `frame`, `confidence` and `notes`; the arrays are
-        `position` (21, 3), m, and `label` of the frame's voxels.
+        `position` (21, 3), m, `label` of the frame's voxels, and `confidence`.
 
     Raises
     ------
@@ -125,7 +129,9 @@ def model_take(
             stature_m=source.stature_m,
         )
     _check_measurable(found, frames, source.initial)
-    arrays = {"position": found.position, "label": found.label}
+    arrays = {
+        "position": found.position, "label": found.label, "confidence": np.array(found.confidence),
+    }  # fmt: skip
     place = open_archive(archive).place
     block = write_block(place, into, (found.frame, found.frame + 1), arrays, begun)
     about = {"confidence": round(found.confidence, 3), "notes": list(found.notes)}
@@ -152,10 +158,10 @@ def fit_take(
     dict
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
-        why it is so beside badly fitting segments, `unexplained`, `cut_off` and, of the method
-        `joint`, `hands_unsure` and `feet_unsure` (time,) bool, what labels voxels (of `joint` the
-        body's fields, and `turn` and `shift` a frame; of `paper` `blob_mean` and `blob_inverse` a
-        frame), the joints that the body was measured with (`initial_joint`), and
+        why it is so beside badly fitting segments, `unmeasured`, `unexplained`, `cut_off` and, of
+        the method `joint`, `hands_unsure` and `feet_unsure` (time,) bool, what labels voxels (of
+        `joint` the body's fields, and `turn` and `shift` a frame; of `paper` `blob_mean` and
+        `blob_inverse` a frame), the joints that the body was measured with (`initial_joint`), and
         where face and hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()
@@ -170,7 +176,10 @@ def fit_take(
     )
     fit = _fit_jointly if settings.method == "joint" else _fit_as_paper
     arrays, blobs = fit(source, frames, start, initial["frame"], seen, settings)
-    arrays |= _doubts(frames, arrays["doubtful"], blobs, initial["frame"], settings.doubts)
+    start_sure = float(start["confidence"])
+    arrays |= _doubts(
+        frames, arrays["doubtful"], blobs, (initial["frame"], start_sure), settings.doubts
+    )
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -357,10 +366,13 @@ def _fit_as_paper(
 
 
 def _doubts(
-    frames: VoxelFrames, doubtful: NDArray[np.bool_], blobs: Blobs, initial_frame: int,
+    frames: VoxelFrames, doubtful: NDArray[np.bool_], blobs: Blobs, initial: tuple[int, float],
     settings: DoubtSettings,
 ) -> dict[str, NDArray]:  # fmt: skip
-    """Return in which frames voxels are left unexplained or cut off: their pose is doubtful."""
+    """Return in which frames voxels are left unexplained or cut off: their pose is doubtful.
+
+    `initial` is the frame that the body was measured in, and with what confidence.
+    """
 
     def look(frame: int) -> tuple[float, bool]:
         hull = frames.hull(frame)
@@ -372,9 +384,12 @@ def _doubts(
         return share, is_cut_off(lines, frames.grid.shape)
 
     share, cut_off = map(np.array, zip(*side_by_side(look, range(len(frames))), strict=True))
+    initial_frame, confidence = initial
     unexplained = share > share[initial_frame] + settings.unexplained
+    unmeasured = np.full(len(frames), confidence < settings.least_confidence)
     return {
+        "unmeasured": unmeasured,
         "unexplained": unexplained,
         "cut_off": cut_off,
-        "doubtful": doubtful | unexplained | cut_off,
+        "doubtful": doubtful | unexplained | cut_off | unmeasured,
     }

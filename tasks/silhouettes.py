@@ -78,7 +78,14 @@ class SilhouetteSettings:
         faults = []
         if self.rule not in RULES:
             faults.append(f"rule is {self.rule!r}, one of {', '.join(RULES)} is wanted")
-        for name in ("threshold", "crcb_threshold", "noise_levels", "other_color", "speck_share", "hole_share"):
+        for name in (
+            "threshold",
+            "crcb_threshold",
+            "noise_levels",
+            "other_color",
+            "speck_share",
+            "hole_share",
+        ):
             if not 0.0 <= getattr(self, name) < np.inf:
                 faults.append(f"{name} is {getattr(self, name)}, a number from 0 is wanted")
         if not 0.0 < self.darkest <= 1.0 <= self.brightest < np.inf:

@@ -71,6 +71,26 @@ def test_the_normal_matrix_is_the_jacobian_times_itself(rng, origin, pose):
     np.testing.assert_allclose(system[:, :-1], jacobian.T @ weight @ jacobian, atol=1e-9)
 
 
+def test_a_step_along_the_tree_is_that_of_the_whole_matrix(rng, origin, pose):
+    bone = rng.integers(0, len(BONES), 40)
+    joints = articulated.place_bones(pose, origin)
+    points = articulated.carry(pose, joints, bone, rng.normal(size=(40, 3)))
+    root = rng.normal(size=(40, 3, 3))
+    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    articulated.add_points(
+        bone, points, root @ root.swapaxes(1, 2), rng.normal(size=(40, 3)), joints, system
+    )
+    normal, right = system[:, :-1], system[:, -1]
+    articulated.add_priors(
+        pose.rotation, pose.rotation, np.full((len(BONES), 2), 0.3), np.zeros((0, 9)), normal, right
+    )
+    normal[range(3), range(3)] += 0.3
+    expected = np.linalg.solve(normal.copy(), right.copy())
+    step = np.empty(articulated.UNKNOWNS)
+    articulated.solve(system, step)
+    np.testing.assert_allclose(step, expected, rtol=1e-7, atol=1e-9)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-10, 0.3, 3.0, 3.14])
 def test_a_rotation_is_found_again(rng, angle):
     axis = rng.normal(size=3)

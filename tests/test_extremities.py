@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.extremities import find_extremities, initial_places
+from tasks.geometry.extremities import (
+    ExtremitySettings,
+    _above_necks,
+    find_extremities,
+    initial_places,
+)
+from tasks.geometry.extremity_candidates import Candidates
 from tasks.geometry.skin import SurfaceFrame
 from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
 
@@ -150,6 +156,27 @@ def test_each_hand_is_among_the_cheapest_candidates(rng):
         first = frame.hand[np.argsort(cost)[:3]]
         apart = np.linalg.norm(first[:, None] - hands[t][None], axis=2).min(axis=0)
         assert (apart < 0.05).all()
+
+
+def test_a_neck_is_not_the_face_beside_it():
+    """The neck shows more skin, and is farther from the top of the head than the face was."""
+
+    def seen(face_end, skin):
+        none = np.empty((0, 3))
+        face = np.array([[0.0, 1.55, 0.05], [0.0, 1.45, 0.0], [0.3, 1.2, 0.0]])
+        return Candidates(none, none[:, 0], np.empty(0, bool), face, skin, 0 * face, face_end)
+
+    usual = seen(np.array([0.08, 0.14, 0.05]), np.array([1.0, 0.8, 0.9]))
+    turned = seen(np.array([0.09, 0.15, 0.08]), np.array([0.7, 1.0, 0.9]))
+    hidden = seen(np.array([0.15, 0.16, 0.08]), np.array([0.7, 1.0, 0.9]))
+    covered = seen(np.array([0.09, 0.15, 0.08]), np.array([0.3, 1.0, 0.9]))
+    face, neck = usual.face[:2]
+    places = np.stack([face, neck, neck, neck, face, np.full(3, np.nan)])
+    frames = [usual, turned, hidden, covered, turned, turned]
+    found = _above_necks(frames, places, 0, STATURE_M, ExtremitySettings())
+    np.testing.assert_array_equal(found, [face, face, neck, neck, face, [np.nan] * 3])
+    lost = _above_necks(frames, places, 5, STATURE_M, ExtremitySettings())
+    np.testing.assert_array_equal(lost, places)
 
 
 def test_what_cannot_be_followed_is_said(rng):

@@ -91,6 +91,24 @@ def test_what_could_be_either_is_unsure_and_stays(crossed):
     assert unsure.all()
 
 
+def test_a_long_stretch_is_looked_at_in_a_frame_a_second(crossed, monkeypatch):
+    """In a frame a second at least is looked whether the pair is exchanged."""
+    take, right, _, _ = crossed
+    slow = replace(take, rate_hz=1.0, settings=replace(take.settings, side_frames=2))
+    looked = []
+
+    def note(take, fits, limbs, ends, frames):
+        looked.append(frames.tolist())
+        return {}
+
+    monkeypatch.setattr("tasks.pose_sides._exchange", note)
+    tell_sides(slow, right)
+    tell_sides(replace(slow, rate_hz=20.0), right)
+    long, short = looked[0], looked[-1]
+    assert len(long) > 4
+    assert len(short) == 2
+
+
 def test_a_moment_apart_is_no_exchange(crossed):
     take, _, wrong, _ = crossed
     short = replace(take, settings=replace(take.settings, side_least_s=1.0))

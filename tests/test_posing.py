@@ -44,14 +44,23 @@ def test_voxels_that_nothing_explains_and_a_cut_performer_are_doubtful():
     inverse = np.tile(np.diag([11.0, 4.0, 11.0]), (5, 1, 1, 1))
     blobs = list(zip(mean, inverse, strict=True))
     doubtful = np.array([False, False, True, False, False])
-    found = _doubts(frames, doubtful, blobs, 4, DoubtSettings())
+    found = _doubts(frames, doubtful, blobs, (4, 0.9), DoubtSettings())
     assert found["unexplained"].tolist() == [False, True, False, False, False]
     assert found["cut_off"].tolist() == [False, False, False, True, False]
     assert found["doubtful"].tolist() == [False, True, True, True, False]
-    usual = _doubts(
-        frames, doubtful, blobs, 1, DoubtSettings()
-    )  # as much as at the beginning: wide sleeves
+    assert not found["unmeasured"].any()
+    # as much as at the beginning: wide sleeves
+    usual = _doubts(frames, doubtful, blobs, (1, 0.9), DoubtSettings())
     assert not usual["unexplained"].any()
+
+
+def test_a_badly_measured_body_makes_every_frame_doubtful():
+    frames = Frames(*[[((5, 3, 3), (9, 15, 7))]] * 3)
+    blobs = [(np.array([[0.65, 0.85, 0.45]]), np.diag([11.0, 4.0, 11.0])[None])] * 3
+    found = _doubts(frames, np.zeros(3, bool), blobs, (0, 0.4), DoubtSettings())
+    assert found["unmeasured"].all()
+    assert found["doubtful"].all()
+    assert not found["unexplained"].any()
 
 
 @pytest.mark.parametrize("path", [None, Path("in/initial.json")])

@@ -97,9 +97,7 @@ def _draw(zone: Any, pictures: Any, corner: Any, rule: Any, outlined: Any) -> No
                     y, x = corner[0] + i, corner[1] + j
                     pixel = (image[0, y, x], image[1, y, x], image[2, y, x])
                     there = (behind[0, y, x], behind[1, y, x], behind[2, y, x])
-                    outlined[i, j] = _belongs(
-                        pixel, there, (a, b, c, shade), (cut, other)
-                    )
+                    outlined[i, j] = _belongs(pixel, there, (a, b, c, shade), (cut, other))
 
 
 @njit(cache=True, nogil=True)

@@ -47,6 +47,7 @@ _DOUBTS = {
     "enlarge the [volume].",
     "unexplained": "Voxels belong to no segment in {}: a limb that the pose has lost, another "
     "person, or something held.",
+    "hidden": "A hand was not seen for long in {}: where it is is a guess.",
     "hands_unsure": "The right and the left hand could as well be the other way round in {}.",
     "feet_unsure": "The right and the left foot could as well be the other way round in {}.",
     "doubtful": "The pose is doubtful in {}.",

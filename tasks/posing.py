@@ -23,19 +23,19 @@ from storage.formats.capture import Capture, read_capture
 from storage.formats.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body_model import measure_body
-from tasks.capture_films import grid_of, side_by_side
+from tasks.capture_films import grid_of
 from tasks.final_labeling import label_frame, make_body_fields
 from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
 from tasks.geometry.bone_fields import BoneFields, carry_back
-from tasks.geometry.doubts import is_cut_off, unexplained_share
 from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
 from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
-from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers, voxel_index
+from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
 from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
+from tasks.pose_doubts import DoubtSettings, find_doubts
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
 from tasks.skin_labeling import label_skin, skin_table
@@ -44,24 +44,7 @@ from tasks.voxel_frames import VoxelFrames
 logger = logging.getLogger(__name__)
 
 _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
-_LOOKED_AT = 3000  # voxels of a frame: a share of 0.03 is known to 0.003
 _STARVED = 0.5  # of its voxels are outside its own ellipsoid
-
-
-@dataclass(frozen=True)
-class DoubtSettings:
-    """When a pose is doubtful that its method is content with."""
-
-    far: float = 4.0
-    """Standard deviations from every blob at which a voxel belongs to nothing that was fitted."""
-    unexplained: float = 0.03
-    """A larger share of such voxels than in the initial frame is a limb that the pose has lost,
-    another person, or something held: at most 0.007 more in four captures, 0.06 where the lower
-    legs were lost, 0.19 with an umbrella, 0.5 with another person."""
-    least_confidence: float = 0.6
-    """A body that was measured with less confidence makes every frame doubtful: 0.69 and more in
-    eighteen captures that were followed, 0.33 and 0.44 in two whose legs were taken for each
-    other or that lacked limbs."""
 
 
 @dataclass(frozen=True)
@@ -158,9 +141,9 @@ def fit_take(
     dict
         As `storage.blocks.write_block`; the arrays are `joint` (time, 21, 3) and `position`
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
-        why it is so beside badly fitting segments, `unmeasured`, `unexplained`, `cut_off` and, of
-        the method `joint`, `hands_unsure` and `feet_unsure` (time,) bool, what labels voxels (of
-        `joint` the body's fields, and `turn` and `shift` a frame; of `paper` `blob_mean` and
+        why it is so as of `find_doubts`, of the method `joint` also `hands_unsure` and
+        `feet_unsure` (time,) bool, what labels voxels (of `joint` the body's fields, and `turn` and
+        `shift` a frame; of `paper` `blob_mean` and
         `blob_inverse` a frame), the joints that the body was measured with (`initial_joint`), and
         where face and hands were seen (`seen`), with the colors of skin.
     """
@@ -176,10 +159,11 @@ def fit_take(
     )
     fit = _fit_jointly if settings.method == "joint" else _fit_as_paper
     arrays, blobs = fit(source, frames, start, initial["frame"], seen, settings)
-    start_sure = float(start["confidence"])
-    arrays |= _doubts(
-        frames, arrays["doubtful"], blobs, (initial["frame"], start_sure), settings.doubts
-    )
+    arrays |= find_doubts(
+        frames, arrays["doubtful"], blobs, seen.position[:, 1:], source.fps,
+        initial_frame=initial["frame"], confidence=float(start["confidence"]),
+        settings=settings.doubts,
+    )  # fmt: skip
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -363,33 +347,3 @@ def _fit_as_paper(
         "blob_inverse": np.stack(inverses),
     }
     return arrays, list(zip(means, inverses, strict=True))
-
-
-def _doubts(
-    frames: VoxelFrames, doubtful: NDArray[np.bool_], blobs: Blobs, initial: tuple[int, float],
-    settings: DoubtSettings,
-) -> dict[str, NDArray]:  # fmt: skip
-    """Return in which frames voxels are left unexplained or cut off: their pose is doubtful.
-
-    `initial` is the frame that the body was measured in, and with what confidence.
-    """
-
-    def look(frame: int) -> tuple[float, bool]:
-        hull = frames.hull(frame)
-        lines = lines_of(hull)
-        some = voxel_index(hull, 0, step=max(1, lines.voxels // _LOOKED_AT))
-        share = unexplained_share(
-            voxel_centers(frames.grid, some), *blobs[frame], beyond=settings.far
-        )
-        return share, is_cut_off(lines, frames.grid.shape)
-
-    share, cut_off = map(np.array, zip(*side_by_side(look, range(len(frames))), strict=True))
-    initial_frame, confidence = initial
-    unexplained = share > share[initial_frame] + settings.unexplained
-    unmeasured = np.full(len(frames), confidence < settings.least_confidence)
-    return {
-        "unmeasured": unmeasured,
-        "unexplained": unexplained,
-        "cut_off": cut_off,
-        "doubtful": doubtful | unexplained | cut_off | unmeasured,
-    }

@@ -314,7 +314,7 @@ def _above_necks(
         return face
     usual = first.face_end[_nearest_to(first.face, face[initial_frame])]
     moved = face.copy()
-    for t in np.flatnonzero(np.isfinite(face[:, 0]) & np.isfinite(usual)):
+    for t in np.flatnonzero(np.isfinite(face[:, 0]) & np.isfinite(usual)).tolist():
         frame = candidates[t]
         own, share = _nearest_to(frame.face, face[t]), frame.face_end / usual
         beside = np.linalg.norm(frame.face - face[t], axis=1) < 2.0 * usual * stature_m

@@ -33,6 +33,7 @@ _SHARD = 1 << 22  # values in a file
 _PICTURES_BYTES = 1 << 25  # of silhouettes in a file
 _PICTURES_READ = 8  # frames of a camera read at once
 _ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so
+_AS_IT_COMES: Any = {"write_empty_chunks": True}  # else each value is first compared with the fill
 _WRITERS = 2  # arrays that are written at a time, whole shards each: two shards are in memory
 _NO_CAMERA = 255
 
@@ -124,6 +125,7 @@ def write_silhouettes(
             shards=(held, count, rows, columns),
             compressors=[_ZSTD],
             dimension_names=("time", "camera", "row", "column"),
+            config=_AS_IT_COMES,
         )
         for start, part in _regrouped(blocks, held):
             array[start : start + len(part)] = part
@@ -277,6 +279,7 @@ def _new_ragged(
         compressors=[_ZSTD],
         dimension_names=(over, *(("rgb",) if entry else ())),
         attributes=attributes,
+        config=_AS_IT_COMES,
     )
 
 

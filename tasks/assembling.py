@@ -337,7 +337,7 @@ def _unpacked(
         packed = read_block(place, block, ["silhouette"])["silhouette"]
         for first in range(0, len(packed), 8):
             bits = np.unpackbits(packed[first : first + 8], axis=-1, count=columns)
-            yield bits.astype(np.bool_)
+            yield bits.view(np.bool_)
 
 
 def _empty_notes(empty: NDArray[np.intp], frames: int) -> list[str]:

@@ -6,6 +6,7 @@ No stage and no arithmetic: the part of a store function that several stages sha
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -128,7 +129,22 @@ def _one_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
 
 
 def _read_background(path: Path) -> Background:
-    """Return the background of a camera, from a picture or from frames all over a film."""
+    """Return the background of a camera, from a picture or from frames all over a film.
+
+    It is kept for the blocks that follow; a folder does not tell when its pictures change.
+    """
+    if not path.is_file():
+        return _make_background(path)
+    about = path.stat()
+    return _keep_background(path, (about.st_ino, about.st_size, about.st_mtime_ns))
+
+
+@lru_cache(maxsize=64)
+def _keep_background(path: Path, _: tuple[int, int, int]) -> Background:
+    return _make_background(path)
+
+
+def _make_background(path: Path) -> Background:
     if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
         return make_background(read_picture(path)[None])
     video = open_video(path)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -28,37 +29,21 @@ def count_pixels(
         Top, left, bottom and right of the box around each silhouette, ends exclusive, all 0
         where it shows nothing; and where its counts end.
     """
-    crops = np.zeros((len(silhouettes), 5), np.int64)
-    _find_crops(silhouettes, image_size, crops)
+    crops = _find_crops(silhouettes, image_size)
     counts = np.zeros(int(crops[-1, 4]), np.int32)
     _integrate(silhouettes, crops, counts)
     return counts, crops
 
 
-@njit(cache=True, nogil=True)
-def _find_crops(silhouettes: Any, image_size: Any, crops: Any) -> None:
-    """Write the box of each silhouette (top, left, bottom, right), and where its counts end."""
-    end = 0
-    for c in range(len(silhouettes)):
-        columns, rows = image_size[c, 0], image_size[c, 1]
-        top, left, bottom, right = rows, columns, 0, 0
-        for row in range(rows):
-            line = silhouettes[c, row]
-            first = 0
-            while first < columns and not line[first]:
-                first += 1
-            if first == columns:
-                continue
-            last = columns - 1
-            while not line[last]:
-                last -= 1
-            top, bottom = min(top, row), row + 1
-            left, right = min(left, first), max(right, last + 1)
-        if bottom == 0:
-            top = left = 0
-        end += (bottom - top + 1) * (right - left + 1)
-        crops[c, 0], crops[c, 1], crops[c, 2], crops[c, 3] = top, left, bottom, right
-        crops[c, 4] = end
+def _find_crops(silhouettes: NDArray[np.bool_], image_size: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the box of each silhouette (top, left, bottom, right), and where its counts end."""
+    crops = np.zeros((len(silhouettes), 5), np.int64)
+    for c, (columns, rows) in enumerate(image_size.tolist()):
+        image = silhouettes[c, :rows, :columns].view(np.uint8)
+        left, top, width, height = cv2.boundingRect(image)
+        crops[c, :4] = top, left, top + height, left + width
+    crops[:, 4] = np.cumsum((crops[:, 2:4] - crops[:, :2] + 1).prod(axis=1))
+    return crops
 
 
 @njit(cache=True, nogil=True)

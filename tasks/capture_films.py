@@ -3,7 +3,6 @@
 No stage and no arithmetic: the part of a store function that several stages share.
 """
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -20,12 +19,10 @@ from storage.formats.footage import read_picture
 from storage.formats.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
 from tasks.geometry.background import Background, make_background
 from tasks.geometry.projection import Projection
+from tasks.geometry.threads import THREADS
 from tasks.geometry.voxels import VoxelGrid, volume_grid
 
-THREADS = os.cpu_count() or 1
-
 _Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
 
 _BACKGROUND_FRAMES = 25
 _BLOCK_FRAMES = 150
@@ -109,14 +106,6 @@ def read_films(
     frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
     block = max(1, min(16, _HELD_BYTES // frame_bytes))
     yield from _one_ahead(read_blocks(videos, block=block, start=start, end=end, workers=THREADS))
-
-
-def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
-    """Return `work` of each item, done in as many threads as there are processors."""
-    if len(items) < 2 or THREADS < 2:
-        return [work(item) for item in items]
-    with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(work, items))
 
 
 def _one_ahead(items: Iterator[_Item]) -> Iterator[_Item]:

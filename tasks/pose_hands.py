@@ -7,7 +7,6 @@ for some frames on end, is where the hand is.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +15,7 @@ from tasks.geometry.articulated import Floats, place_bones
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import place_model
 from tasks.geometry.limb_search import LIMBS
+from tasks.geometry.threads import side_by_side
 from tasks.pose_passes import Fitting, reach_best
 
 Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
@@ -43,12 +43,11 @@ def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -
     def look(t: int) -> tuple[Floats | None, Floats | None]:
         return _elsewhere(take, fits[t], t, ends[t])
 
-    with ThreadPoolExecutor() as pool:
-        found = dict(zip(frames[::step], pool.map(look, frames[::step]), strict=True))
-        begun = [t for t, hands in found.items() if any(hand is not None for hand in hands)]
-        near = {n for t in begun for n in range(t - step, t + step + 1)} & set(frames)
-        rest = sorted(near - set(found))
-        found |= dict(zip(rest, pool.map(look, rest), strict=True))
+    found = dict(zip(frames[::step], side_by_side(look, frames[::step]), strict=True))
+    begun = [t for t, hands in found.items() if any(hand is not None for hand in hands)]
+    near = {n for t in begun for n in range(t - step, t + step + 1)} & set(frames)
+    rest = sorted(near - set(found))
+    found |= dict(zip(rest, side_by_side(look, rest), strict=True))
     cues = take.cues.copy()
     weights = np.ones(cues.shape[:2]) if take.cue_weights is None else take.cue_weights.copy()
     for hand, cue in enumerate(_HANDS):

@@ -6,7 +6,6 @@ neighbors say.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +24,7 @@ from tasks.geometry.blob_fitting import (
 from tasks.geometry.blobs import Voxels, gather_voxels
 from tasks.geometry.fit_model import FitModel, middles
 from tasks.geometry.limb_search import LIMBS, Limb, choose_fits, reach_for
+from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxel_samples import Drawn
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
@@ -248,29 +248,34 @@ def merge(take: Fitting, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pos
     chosen = choose(trunk, np.array(worths))
     merged = [both[chosen[t]][t].pose for t in range(len(first))]
     for bones in limbs:
-        explained = _explain_limb(take, merged, both, bones)
+        explained = _explain_limb(take, merged, both, bones, [a[:, bones] for a in at])
         chosen = choose(bones, explained)
         merged = [_with_limb(pose, both[chosen[t]][t].pose, bones) for t, pose in enumerate(merged)]
     return merged
 
 
 def _explain_limb(
-    take: Fitting, poses: Sequence[Pose], both: Sequence[Sequence[Fit]], bones: list[int]
-) -> Floats:
-    """Return (fit, time) how well poses explain their frames with a limb as either fit has it."""
+    take: Fitting, poses: Sequence[Pose], both: Sequence[Sequence[Fit]], bones: list[int],
+    at: Sequence[Floats],
+) -> Floats:  # fmt: skip
+    """Return (fit, time) how well poses explain their frames with a limb as either fit has it.
+
+    `at`: (time, bone, 3) where either has the limb's bones, m.
+    """
     model = take.model
 
     def explain(t: int) -> tuple[float, float]:
-        at = [middles(model, fits[t].pose)[bones] for fits in both]
-        if np.linalg.norm(at[0] - at[1], axis=1).max() < take.settings.alike * model.stature:
-            return 0.0, 0.0
         sample, targets, fit = take.sample(t), take.targets(t), take.settings.fit
         tried = [_with_limb(poses[t], fits[t].pose, bones) for fits in both]
         fits = [fit_frame(model, sample, p, p, settings=fit, steps=0, widening=1.0) for p in tried]
         return worth(model, fits[0], targets), worth(model, fits[1], targets)
 
-    with ThreadPoolExecutor() as pool:
-        return np.array(list(pool.map(explain, range(len(poses))))).T
+    explained = np.zeros((2, len(poses)))
+    apart = np.linalg.norm(at[0] - at[1], axis=2).max(axis=1)
+    differ = np.flatnonzero(apart >= take.settings.alike * model.stature).tolist()
+    if differ:
+        explained[:, differ] = np.transpose(side_by_side(explain, differ))
+    return explained
 
 
 def _with_limb(pose: Pose, other: Pose, bones: list[int]) -> Pose:
@@ -304,8 +309,7 @@ def settle(take: Fitting, poses: Sequence[Pose]) -> list[Fit]:
             widening=1.0,
         )
 
-    with ThreadPoolExecutor() as pool:
-        fits = list(pool.map(settle, range(len(poses))))
+    fits = side_by_side(settle, range(len(poses)))
     settled = [fit.pose for fit in fits]
     return [replace(fit, pose=near(settled, t)) for t, fit in enumerate(fits)]
 

@@ -6,7 +6,6 @@ the voxels about as well, the stretch is fitted so, and what explains it better 
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +15,7 @@ from tasks.geometry.articulated import Floats, Pose, rest_pose
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import middles
 from tasks.geometry.limb_search import LIMBS, Limb
+from tasks.geometry.threads import side_by_side
 from tasks.pose_passes import Fitting, follow, merge, reach_best, settle
 
 _PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))  # arms and legs, and the cues of their ends
@@ -91,8 +91,7 @@ def _exchange(
         return found
 
     shown = [t for t in frames.tolist() if take.sample(t).count]
-    with ThreadPoolExecutor() as pool:
-        return dict(zip(shown, pool.map(lambda t: reach(fits[t].pose, t), shown), strict=True))
+    return dict(zip(shown, side_by_side(lambda t: reach(fits[t].pose, t), shown), strict=True))
 
 
 def _gain(fits: Sequence[Fit], others: dict[int, Fit]) -> float:

@@ -27,11 +27,12 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import write_block
 from storage.formats.capture import read_capture
-from tasks.capture_films import largest_image, read_backgrounds, read_films, side_by_side
+from tasks.capture_films import largest_image, read_backgrounds, read_films
 from tasks.geometry.background import Background, measure_gain, smooth
 from tasks.geometry.outlines import draw_outline
 from tasks.geometry.silhouette_pixels import take_pixels
 from tasks.geometry.specks import clean_region
+from tasks.geometry.threads import side_by_side
 
 RULES = ("chroma", "crcb")
 

@@ -74,7 +74,3 @@ def test_ranges_cover_every_frame_once(capture, length, monkeypatch):
     ranges = capture_films.block_ranges(capture)
     assert [n for start, end in ranges for n in range(start, end)] == list(range(FRAMES))
     assert all(end - start == length for start, end in ranges[:-1])
-
-
-def test_work_side_by_side_keeps_the_order():
-    assert capture_films.side_by_side(lambda n: n * n, range(50)) == [n * n for n in range(50)]

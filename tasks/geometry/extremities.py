@@ -8,9 +8,7 @@ have been on its way. How much the rest of the paths, weighed with their likelih
 with the best is each place's weight.
 """
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,6 +30,7 @@ from tasks.geometry.skin import (
     find_hands,
     learn_skin,
 )
+from tasks.geometry.threads import side_by_side
 
 Floats = NDArray[np.float64]
 
@@ -190,8 +189,7 @@ def find_extremities(
         found = find_candidates(frame, model, references, stature_m, settings.candidates)
         return found, stood
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        both = list(pool.map(find, range(len(frames))))
+    both = side_by_side(find, range(len(frames)))
     chosen = choose_extremities(
         tuple(found for found, _ in both),
         model,

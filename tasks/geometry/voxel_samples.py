@@ -1,7 +1,6 @@
 """Samples of a take's voxels with their colors, and what colors say of bones."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 from tasks.geometry.articulated import BONES
 from tasks.geometry.color_histograms import COLORS, color_cells, learn_likeness
 from tasks.geometry.skin import NO_CAMERA
+from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxels import VoxelRuns, voxel_index
 
 Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]]
@@ -80,8 +80,7 @@ def draw_samples(hulls: Sequence[VoxelRuns], surfaces: Surfaces | None, most: in
         order = np.argsort(_along_curve(some), kind="stable")
         return some[order], cell[order]
 
-    with ThreadPoolExecutor() as pool:
-        return list(pool.map(draw, range(len(hulls))))
+    return side_by_side(draw, range(len(hulls)))
 
 
 def _along_curve(index: NDArray[np.integer]) -> NDArray[np.uint64]:

@@ -151,10 +151,9 @@ def _columns_of(lines: Any) -> Any:
 def _boxes_of(lines: Any) -> Any:
     """Return (box, 6) the first and the last index along x, y and z of lines that are together."""
     corners = np.empty(((len(lines) - 1) // _TOGETHER + 1, 6), np.int32)
+    corners[:, :3], corners[:, 3:] = 2**31 - 1, -(2**31)
     for line in range(len(lines)):
         own = corners[line // _TOGETHER]
-        if line % _TOGETHER == 0:
-            own[:3], own[3:] = 2**31 - 1, -(2**31)
         for k in range(3):
             last = lines[line, k] + (lines[line, LENGTH] - 1 if k == Z else 0)
             own[k], own[3 + k] = min(own[k], lines[line, k]), max(own[3 + k], last)
@@ -165,8 +164,8 @@ def _boxes_of(lines: Any) -> Any:
 def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, key: Any) -> Any:
     """Write the keys of what is nearest to some voxels along z: the first, and how many.
 
-    Return whether nothing that is farther than the columns around may be nearer. A key is the squared distance, then the place in the list: the least is the nearest, the first
-    of equals.
+    A key is the squared distance, then the place in the list: the least is the nearest, the first
+    of equals. Return False where a line beyond the columns around may be as near.
     """
     x, y, z, size = voxels
     key[:size] = _FAR

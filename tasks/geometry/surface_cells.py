@@ -158,27 +158,29 @@ def _divide(place: Any, size: Any) -> Any:
         for k in range(3):
             index[v, k] = np.floor(place[v, k] / size)
             low[k], high[k] = min(low[k], index[v, k]), max(high[k], index[v, k])
-    low -= _RIM
-    nx, ny, nz = high - low + _RIM + 1
+    nx, ny, nz = high - low + 1  # without the rim
     number = np.full(nx * ny * nz, -1, np.int32)
     flat = np.empty(len(place), np.int32)
     for v in range(len(place)):
         x, y, z = index[v, 0] - low[0], index[v, 1] - low[1], index[v, 2] - low[2]
         flat[v] = (x * ny + y) * nz + z
         number[flat[v]] = 0
-    column = np.empty((nx, ny + 1), np.int32)
+    column = np.zeros((nx + 2 * _RIM, ny + 2 * _RIM + 1), np.int32)
     where = np.empty((len(place), 3), np.int32)
     count = 0
     for x in range(nx):
+        column[_RIM + x, :_RIM] = count
         for y in range(ny):
-            column[x, y] = count
+            column[_RIM + x, _RIM + y] = count
             begin = (x * ny + y) * nz
             for z in range(nz):
                 if number[begin + z] == 0:
                     number[begin + z] = count
-                    where[count, 0], where[count, 1], where[count, 2] = x, y, z
+                    where[count, 0], where[count, 1] = _RIM + x, _RIM + y
+                    where[count, 2] = _RIM + z
                     count += 1
-        column[x, ny] = count
+        column[_RIM + x, _RIM + ny :] = count
+    column[_RIM + nx :] = count
     for v in range(len(place)):
         flat[v] = number[flat[v]]
     return flat, where[:count].copy(), column

@@ -72,18 +72,11 @@ def track_skin(
     if not len(skin):
         return SkinRegions(label, moved, found)
     region, size = _skin_regions(index[skin])
-    large = size[region] >= max(least_voxels, 1)
-    skin, region = skin[large], region[large]
-    away = np.linalg.norm(np.asarray(place)[:, None] - center[skin], axis=2)
-    chosen = np.full(len(SKIN_LABELS), -1)
-    for k in range(len(SKIN_LABELS)):
-        if len(skin) and away[k].min() <= reach_m:
-            chosen[k] = region[away[k].argmin()]
-    wanted = np.where(chosen[:, None] == region, away, np.inf)
-    taken = np.isfinite(wanted).any(axis=0)
-    owner = wanted.argmin(axis=0)
+    owner = np.empty(len(skin), np.int8)
+    limits = (float(reach_m), max(least_voxels, 1))
+    _choose_regions(center[skin], np.array(place, np.float64), region, size, limits, owner)
     for k, value in enumerate(SKIN_LABELS):
-        own = skin[taken & (owner == k)]
+        own = skin[owner == k]
         if len(own):
             label[own], found[k] = value, True
             moved[k] = center[own].mean(axis=0)
@@ -160,6 +153,36 @@ def _find_skin(lines: Any, is_surface: Any, color: Any, camera: Any, is_skin: An
             index[found, 2] = lines[line, Z] + n - lines[line, FIRST]
             found += 1
     return voxel[:found].copy(), index[:found].copy()
+
+
+@njit(cache=True, nogil=True)
+def _choose_regions(
+    center: Any, place: Any, region: Any, size: Any, limits: Any, owner: Any
+) -> None:
+    """Write which place each voxel belongs to, -1 for none: of the regions nearest to the places.
+
+    `limits`: how far from its place a region may be, and how many voxels it has at least.
+    """
+    reach, fewest = limits
+    away = np.empty((len(place), len(center)))
+    chosen = np.full(len(place), -1)
+    for k in range(len(place)):
+        least = np.inf
+        for n in range(len(center)):
+            x, y, z = (
+                place[k, 0] - center[n, 0],
+                place[k, 1] - center[n, 1],
+                place[k, 2] - center[n, 2],
+            )
+            away[k, n] = np.sqrt(x * x + y * y + z * z)
+            if away[k, n] < least and away[k, n] <= reach and size[region[n]] >= fewest:
+                least, chosen[k] = away[k, n], region[n]
+    for n in range(len(center)):
+        owner[n] = -1
+        for k in range(len(place)):
+            nearer = owner[n] < 0 or away[k, n] < away[owner[n], n]
+            if chosen[k] == region[n] and nearer:
+                owner[n] = k
 
 
 def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

@@ -34,9 +34,11 @@ def track(scene, place, *, reach_m=0.08, least_voxels=12):
     )
 
 
-def test_face_and_hands_keep_the_nearest_region_of_skin():
+@pytest.mark.parametrize("reach_m", [0.08, 1.0], ids=["one in reach", "all in reach"])
+def test_face_and_hands_keep_the_nearest_region_of_skin(reach_m):
     index, center, is_skin = skin_scene()
-    found = track((index, center, is_skin), [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]])
+    place = [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]]
+    found = track((index, center, is_skin), place, reach_m=reach_m)
     wanted = np.where(is_skin, np.array([1, 7, 5])[index[:, 0] // 20], 0)
     np.testing.assert_array_equal(found.label, wanted)
     assert found.found.all()

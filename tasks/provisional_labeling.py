@@ -167,8 +167,7 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     if worst < 0:
         return
     box, place, step = _paint(label, lines)
-    for s in range(len(stretch)):
-        stretch[s, 0] = place[stretch[s, 0]] + stretch[s, 1] - lines[stretch[s, 0], FIRST]
+    stretch, begin = _sort_by_label(stretch, place, lines)
     marks = np.zeros(len(box), np.uint8)
     ring = np.empty(len(label), np.int32)
     room = np.zeros(len(share) + 1, np.int64)
@@ -176,18 +175,19 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     gained, gains = np.empty(room[-1], np.int32), np.full(len(share), -1, np.int64)
     for _ in range(most_rings):
         own = worst + 1
+        mine = stretch[begin[own] : begin[own + 1]]
         if gains[worst] < 0:
             gains[worst] = 0
-            _mark_enclosed(box, step, own, stretch, marks)
-        size = _find_ring(box, step, own, stretch, ring, marks)
-        mine = gained[room[worst] : room[worst + 1]]
-        kept, size = _add_gained(box, step, own, (mine, gains[worst]), (ring, size), marks)
+            _mark_enclosed(box, step, own, mine, marks)
+        size = _find_ring(box, step, mine, ring, marks)
+        member = gained[room[worst] : room[worst + 1]]
+        kept, size = _add_gained(box, step, own, (member, gains[worst]), (ring, size), marks)
         for n in range(size):
             marks[ring[n]] &= _ENCLOSED | _LEFT
         taken = min(size, np.int64(np.ceil(wanted[worst])) - count[own])
         for n in range(taken):
-            mine[kept + n] = ring[n * size // taken]
-        _take(box, step, own, mine[kept : kept + taken], count, marks)
+            member[kept + n] = ring[n * size // taken]
+        _take(box, step, own, member[kept : kept + taken], count, marks)
         gains[worst] = kept + taken
         worst = _most_shrunken(count, wanted, enough)
         if not size or worst < 0:
@@ -198,27 +198,42 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
 @njit(cache=True, nogil=True)
 def _find_stretches(label: Any, lines: Any) -> Any:
     """Return line, first voxel, end and label of each stretch of a label; and labels' counts."""
-    turns = np.empty(len(label), np.bool_)
+    turn = np.empty(len(label) + 1, np.int32)  # voxels with another label than the one before
+    turns = 0
     for n in range(1, len(label)):
-        turns[n] = label[n] != label[n - 1]
-    stretches = len(lines)
-    for n in range(1, len(label)):
-        stretches += turns[n]
-    stretch, count = np.empty((stretches, 4), np.int32), np.zeros(256, np.int64)
-    s = 0
+        turn[turns] = n  # without a branch: one in twelve is kept
+        turns += label[n] != label[n - 1]
+    turn[turns] = len(label)
+    stretch, count = np.empty((len(lines) + turns, 4), np.int32), np.zeros(256, np.int64)
+    s = t = 0
     for line in range(len(lines)):
         n = lines[line, FIRST]
         end = n + lines[line, LENGTH]
         while n < end:
-            begin = n
-            n += 1
-            while n < end and not turns[n]:
-                n += 1
+            begin, n = n, min(turn[t], end)
+            t += turn[t] == n
             stretch[s, 0], stretch[s, 1], stretch[s, 2] = line, begin, n
             stretch[s, 3] = label[begin]
             count[label[begin]] += n - begin
             s += 1
     return stretch[:s], count
+
+
+@njit(cache=True, nogil=True)
+def _sort_by_label(stretch: Any, place: Any, lines: Any) -> Any:
+    """Return place in the box and length of each stretch, label by label, and where these begin."""
+    begin = np.zeros(257, np.int64)
+    for s in range(len(stretch)):
+        begin[stretch[s, 3] + 1] += 1
+    begin = np.cumsum(begin)
+    after = begin.copy()
+    ordered = np.empty((len(stretch), 2), np.int32)
+    for s in range(len(stretch)):
+        line, first, end, label = stretch[s, 0], stretch[s, 1], stretch[s, 2], stretch[s, 3]
+        n = after[label]
+        after[label] += 1
+        ordered[n, 0], ordered[n, 1] = place[line] + first - lines[line, FIRST], end - first
+    return ordered, begin
 
 
 @njit(cache=True, nogil=True)
@@ -255,10 +270,7 @@ def _mark_enclosed(box: Any, step: Any, own: Any, stretch: Any, marks: Any) -> N
     """Mark the voxels of the stretches of a label that are beside no other label."""
     deep, wide, own = step[3], step[5], np.uint8(own)
     for s in range(len(stretch)):
-        if stretch[s, 3] != own:
-            continue
-        begin = stretch[s, 0]
-        for n in range(begin, begin + stretch[s, 2] - stretch[s, 1]):
+        for n in range(stretch[s, 0], stretch[s, 0] + stretch[s, 1]):
             between = (box[n - 1] == own) | (box[n - 1] == 0)
             between &= (box[n + 1] == own) | (box[n + 1] == 0)
             between &= (box[n - deep] == own) | (box[n - deep] == 0)
@@ -279,13 +291,11 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_ring(box: Any, step: Any, own: Any, stretch: Any, ring: Any, marks: Any) -> Any:
+def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
     """Write the labeled voxels next to what is left of a label's stretches; return how many."""
     size = 0
     for s in range(len(stretch)):
-        if stretch[s, 3] != own:
-            continue
-        begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 2] - stretch[s, 1]
+        begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 1]
         is_open = np.uint8(0)
         for n in range(begin, end):
             is_open |= (marks[n] & (_ENCLOSED | _LEFT)) == 0

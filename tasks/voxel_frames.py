@@ -4,8 +4,8 @@ No stage and no arithmetic: the part of a store function that the stages after c
 """
 
 import threading
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,14 @@ from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame
 
 _MOST_HELD = 2  # blocks: neighbors in time may be of two
 
-_Block = tuple[VoxelRuns, dict[str, NDArray]]
+_Block = TypeVar("_Block")
 
 
 class VoxelFrames:
-    """A take's frames, read when they are asked for; neighbors are cheap, two blocks are held."""
+    """A take's frames, read when they are asked for; neighbors are cheap, two blocks are held.
+
+    Colors, which are most of what there is, are read only where they are asked for.
+    """
 
     def __init__(
         self,
@@ -35,7 +38,8 @@ class VoxelFrames:
         self._ends = np.array([block["end"] for block in hulls])
         self._hulls, self._colors = hulls, colors
         self._place = place
-        self._held: dict[int, _Block] = {}  # the one asked for last is the last
+        self._held_hulls: dict[int, VoxelRuns] = {}  # the one asked for last is the last
+        self._held_colors: dict[int, dict[str, NDArray]] = {}
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
@@ -44,13 +48,11 @@ class VoxelFrames:
 
     def hull(self, frame: int) -> VoxelRuns:
         """Return the hull of a frame, as runs of a single frame."""
-        runs, _, inside = self._find(frame)
-        return take_frame(runs, inside)
+        return take_frame(*self._find(frame)[1:])
 
     def index(self, frame: int) -> NDArray[np.int32]:
         """Return (voxel, 3) the index of each voxel of a frame, in order."""
-        runs, _, inside = self._find(frame)
-        return voxel_index(runs, inside)
+        return voxel_index(*self._find(frame)[1:])
 
     def surface(self, frame: int) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
         """Return which voxels of a frame are on the surface, and these voxels' color and camera.
@@ -63,7 +65,8 @@ class VoxelFrames:
         camera : (surface voxel,) uint8
             255 where no camera sees the voxel.
         """
-        _, colors, inside = self._find(frame)
+        number, runs, inside = self._find(frame)
+        colors = self._hold(self._held_colors, number, lambda: self._read_colors(number, runs))
         voxels = slice(*colors["voxels"][inside : inside + 2])
         surface = slice(*colors["offset"][inside : inside + 2])
         return colors["is_surface"][voxels], colors["color"][surface], colors["camera"][surface]
@@ -72,20 +75,26 @@ class VoxelFrames:
         """Yield the hulls of the frames from `first` to before `end`."""
         return (self.hull(frame) for frame in range(first, end))
 
-    def _find(self, frame: int) -> tuple[VoxelRuns, dict[str, NDArray], int]:
-        """Return the block of a frame, and the frame's place in it."""
+    def _find(self, frame: int) -> tuple[int, VoxelRuns, int]:
+        """Return the number of the block of a frame, its hulls, and the frame's place in it."""
         if not self.start <= frame < self.end:
             raise IndexError(f"frame {frame} is not one of {self.start} to {self.end - 1}")
         number = int(np.searchsorted(self._ends, frame, side="right"))
-        with self._lock:  # so that threads read a block once
-            block = self._held.pop(number, None)
-            while block is None and len(self._held) >= _MOST_HELD:
-                del self._held[next(iter(self._held))]
-            self._held[number] = block = block or self._read_block(number)
-        runs, colors = block
-        return runs, colors, frame - self._hulls[number]["start"]
+        runs = self._hold(self._held_hulls, number, lambda: self._read_hulls(number))
+        return number, runs, frame - self._hulls[number]["start"]
 
-    def _read_block(self, number: int) -> _Block:
-        runs = VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
+    def _hold(self, held: dict[int, _Block], number: int, read: Callable[[], _Block]) -> _Block:
+        """Return what is held of a block, or else read it."""
+        with self._lock:  # so that threads read a block once
+            block = held.pop(number, None)
+            while block is None and len(held) >= _MOST_HELD:
+                del held[next(iter(held))]
+            held[number] = block = read() if block is None else block
+        return block
+
+    def _read_hulls(self, number: int) -> VoxelRuns:
+        return VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
+
+    def _read_colors(self, number: int, runs: VoxelRuns) -> dict[str, NDArray]:
         colors = read_block(self._place, self._colors[number])
-        return runs, {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}
+        return {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.foot_search import FootSettings, choose_feet, find_feet_of, learn_feet
-from tasks.geometry.skin import SurfaceFrame
+from tasks.geometry.foot_search import (
+    FootSettings,
+    _find_low,
+    choose_feet,
+    find_feet_of,
+    learn_feet,
+)
+from tasks.geometry.skin import NO_CAMERA, SurfaceFrame
 
 STATURE, RATE_HZ = 1.6, 30.0
 SETTINGS = FootSettings()
@@ -113,3 +119,14 @@ def test_hands_above_are_no_feet(rng):
     place, _ = find_feet_of(both, feet, STATURE, SETTINGS)
     assert len(place) >= 2
     assert place[:, 1].max() < 0.4 * STATURE
+
+
+@pytest.mark.parametrize("seen", [0.0, 0.5, 1.0])
+def test_low_voxels_are_those_seen_that_are_near_the_lowest_of_them(rng, seen):
+    center = rng.uniform(0.0, 1.0, (60, 3))
+    camera = np.where(rng.random(60) < seen, 3, NO_CAMERA).astype(np.uint8)
+    own = camera != NO_CAMERA
+    lowest = center[own, 1].min(initial=np.inf)
+    wanted = np.flatnonzero(own & (center[:, 1] < lowest + 0.4))
+    np.testing.assert_array_equal(_find_low(center, camera, 0.4), wanted)
+    assert 5 < len(wanted) < 30 or not seen

@@ -45,6 +45,19 @@ def test_a_voxel_far_from_all_of_before_still_takes_the_nearest(rng):
     assert found.tolist() == [3, 8, 8]
 
 
+def test_voxels_far_from_all_of_before_take_the_first_of_the_nearest(rng):
+    before, some = (  # lines of several voxels
+        np.argwhere(np.repeat(rng.random(shape) < 0.05, 5, axis=2))
+        for shape in ((19, 23, 6), (3, 22, 5))
+    )
+    label = rng.integers(1, 12, len(before)).astype(np.uint8)
+    shifts = [[-15, -30, 12], [2, 1, 47], [11, 0, -43], [31, 9, -20]]
+    now = np.concatenate([np.add(some, shift) for shift in shifts])
+    found = provisional.label_from_previous(lines_of_index(now), lines_of_index(before), label)
+    assert found.tolist() == naive_previous(now, before, label)
+    assert len(set(found.tolist())) > 5
+
+
 @pytest.mark.parametrize("scale", [1, 3], ids=["near", "beyond the columns in order"])
 def test_a_nearer_voxel_in_a_farther_row_is_taken(scale):
     before = lines_of_index(scale * np.array([[8, 8, 0], [11, 0, 0]]))  # 11.3 and 11 away

@@ -5,6 +5,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from tasks import skin_labeling
+from tasks.geometry.skin import NO_CAMERA
+from tasks.geometry.voxel_lines import lines_of_index
 
 
 @pytest.fixture
@@ -32,9 +34,11 @@ def track(scene, place, *, reach_m=0.08, least_voxels=12):
     )
 
 
-def test_face_and_hands_keep_the_nearest_region_of_skin():
+@pytest.mark.parametrize("reach_m", [0.08, 1.0], ids=["one in reach", "all in reach"])
+def test_face_and_hands_keep_the_nearest_region_of_skin(reach_m):
     index, center, is_skin = skin_scene()
-    found = track((index, center, is_skin), [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]])
+    place = [[0.0, 0, 0], [0.45, 0, 0], [0.2, 0.05, 0]]
+    found = track((index, center, is_skin), place, reach_m=reach_m)
     wanted = np.where(is_skin, np.array([1, 7, 5])[index[:, 0] // 20], 0)
     np.testing.assert_array_equal(found.label, wanted)
     assert found.found.all()
@@ -65,6 +69,20 @@ def test_regions_of_skin_are_those_of_all_pairs_within_two_voxels(rng, density):
     assert len(set(zip(region.tolist(), wanted.tolist(), strict=True))) == count == len(size)
     np.testing.assert_array_equal(size, np.bincount(region))
     assert count > 1 or density > 0.1
+
+
+@pytest.mark.parametrize("density", [0.0, 0.6])
+def test_skin_is_what_has_its_colors_and_was_seen(rng, density):
+    index = np.argwhere(rng.random((7, 5, 11)) < density).astype(np.int32)
+    is_surface = rng.random(len(index)) < 0.5
+    color = rng.integers(0, 256, (is_surface.sum(), 3)).astype(np.uint8)
+    camera = rng.choice(np.array([0, 3, NO_CAMERA], np.uint8), len(color))
+    table = rng.random((64, 64, 64)) < 0.5
+    found = skin_labeling._find_skin(lines_of_index(index).table, is_surface, color, camera, table)
+    wanted = np.flatnonzero(is_surface)[table[tuple(color.T // 4)] & (camera != NO_CAMERA)]
+    np.testing.assert_array_equal(found[0], wanted)
+    np.testing.assert_array_equal(found[1], index[wanted])
+    assert len(wanted) > 20 or not density
 
 
 def test_hands_that_touch_share_their_region():

@@ -4,7 +4,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
-from tasks.geometry.surface_cells import find_ends, gather_cells, sum_balls
+from tasks.geometry.surface_cells import _find_neighbors, find_ends, gather_cells, sum_balls
 
 SIZE_M = 0.02
 
@@ -57,6 +57,18 @@ def test_sums_in_balls_are_those_over_all_cells(rng, radius):
             wanted = np.average(cells.hot_center[1, inside], axis=0, weights=cells.count[inside])
         np.testing.assert_allclose(middle[b], wanted)
     assert 5 < filled < 25
+
+
+def test_neighbors_are_all_cells_that_touch_in_order(rng):
+    cells = gather_cells(cloud(rng), np.zeros((1, 700)), SIZE_M)
+    beside, length, count = _find_neighbors(cells.place, cells.column, cells.center)
+    for cell in range(len(count)):
+        away = np.abs(cells.place - cells.place[cell]).max(axis=1)
+        wanted = np.flatnonzero(away == 1)
+        np.testing.assert_array_equal(beside[cell, : count[cell]], wanted)
+        way = np.linalg.norm(cells.center[wanted] - cells.center[cell], axis=1)
+        np.testing.assert_allclose(length[cell, : count[cell]], way)
+    assert count.min() < 8 < 20 < count.max()
 
 
 def star(lengths):

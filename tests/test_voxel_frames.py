@@ -45,6 +45,20 @@ def frames(tmp_path, occupied):
     return VoxelFrames(place, GRID, hulls, colors)
 
 
+@pytest.fixture
+def read(monkeypatch):
+    """The paths of the blocks that are read."""
+    read = []
+
+    def counted(place, block, names=None):
+        read.append(block["path"])
+        return original(place, block, names)
+
+    original = tasks.voxel_frames.read_block
+    monkeypatch.setattr(tasks.voxel_frames, "read_block", counted)
+    return read
+
+
 @pytest.mark.parametrize("order", [range(8), (7, 0, 5, 3, 4, 2, 6, 1)], ids=["forward", "mixed"])
 def test_every_frame_is_found_in_its_block_in_whatever_order(frames, occupied, order):
     assert len(frames) == 8
@@ -68,20 +82,21 @@ def test_a_frame_that_is_not_there_is_refused(frames, frame):
         frames.index(frame)
 
 
-def test_two_blocks_are_held_and_read_once_while_they_are(frames, monkeypatch):
-    read = []
-
-    def counted(place, block, names=None):
-        read.append(block["path"])
-        return original(place, block, names)
-
-    original = tasks.voxel_frames.read_block
-    monkeypatch.setattr(tasks.voxel_frames, "read_block", counted)
+def test_two_blocks_are_held_and_read_once_while_they_are(frames, read):
     for frame in (2, 3, 2, 3, 4, 3, 4):  # 0 goes when 4 is read
-        frames.index(frame)
+        frames.surface(frame)
     assert read == ["work/h0", "work/c0", "work/h3", "work/c3", "work/h4", "work/c4"]
-    frames.index(0)
+    frames.surface(0)
     assert read[6:] == ["work/h0", "work/c0"]
+
+
+def test_colors_are_read_only_where_they_are_asked_for(frames, read):
+    for frame in range(8):
+        frames.hull(frame)
+        frames.index(frame)
+    assert read == ["work/h0", "work/h3", "work/h4"]
+    frames.surface(3)
+    assert read[3:] == ["work/c3"]
 
 
 def test_frames_and_what_they_hold_are_freed_at_once(tmp_path):

@@ -6,8 +6,10 @@ above them they are found as hands are (`extremities`), and the knees follow.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
@@ -141,13 +143,11 @@ def find_feet_of(
 
     1 is as much as in the first frames.
     """
-    own = frame.camera != NO_CAMERA
-    if own.any():
-        own &= frame.center[:, 1] < frame.center[own, 1].min() + settings.highest * stature_m
-    if not own.any():
+    low = _find_low(frame.center, frame.camera, settings.highest * stature_m)
+    if not len(low):
         return np.empty((0, 3)), np.empty(0)
-    ratio = colors.ratio[color_cells(frame.color[own])].astype(np.float64)
-    cells = gather_cells(frame.center[own], ratio[None], settings.cell * stature_m)
+    ratio = colors.ratio[color_cells(frame.color[low])].astype(np.float64)
+    cells = gather_cells(frame.center[low], ratio[None], settings.cell * stature_m)
     _, place, mass = find_lumps(
         cells, 0, colors.mass, settings.radius * stature_m, settings.apart * stature_m,
         (0.01, settings.least_mass, settings.most),
@@ -207,3 +207,19 @@ def choose_feet(
         together=settings.together * pace,
     )
     return position * stature_m, weight * colors.known
+
+
+@njit(cache=True, nogil=True)
+def _find_low(center: Any, camera: Any, height: Any) -> Any:
+    """Return which voxels have their own color and are less than a height above the lowest."""
+    least = np.inf
+    for n in range(len(center)):
+        if camera[n] != NO_CAMERA:
+            least = min(least, center[n, 1])
+    low = np.empty(len(center), np.int64)
+    found = 0
+    for n in range(len(center)):
+        if camera[n] != NO_CAMERA and center[n, 1] < least + height:
+            low[found] = n
+            found += 1
+    return low[:found]

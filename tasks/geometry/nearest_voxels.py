@@ -1,7 +1,8 @@
 """The labeled voxel that is nearest to each of others, found column by column.
 
 The voxel of a line along z that is nearest to a place is known at once; so no more columns are
-looked at than are as near as what was found, however many voxels these hold.
+looked at than are as near as what was found, however many voxels these hold. What is far from all
+voxels is compared with boxes around some lines each, the nearest box first.
 """
 
 from typing import Any
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-_REACH = 24  # columns within which they are looked at in the order of their distance
+_REACH = 10  # columns within which they are looked at in the order of their distance
+_TOGETHER = 16  # lines in a box
 
 
 def _columns_around() -> NDArray[np.int64]:
@@ -70,6 +72,7 @@ def fill_from_nearest(label: NDArray[np.uint8], lines: VoxelLines) -> None:
 def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None:
     """Write the label of the nearest voxel before, for each voxel."""
     start, box = _columns_of(before)
+    corners = _boxes_of(before)
     key = np.empty(_longest(lines), np.int64)
     for line in range(len(lines)):
         x, y, z, n = lines[line, X], lines[line, Y], lines[line, Z], lines[line, FIRST]
@@ -84,7 +87,9 @@ def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None
             stop = min(end, before[old, Z]) if old < last else end
             if z < stop:  # where nobody was
                 size = stop - z
-                _find_nearest((x, y, z, size), before, start, box, around, key)
+                voxel = (x, y, z, size)
+                if not _find_nearest(voxel, before, start, box, around, key):
+                    _find_far(voxel, before, corners, key)
                 for k in range(size):
                     copied[n + k] = label[key[k] & _PLACE]
             else:
@@ -104,11 +109,13 @@ def _fill(lines: Any, label: Any, around: Any) -> None:
         is_lost[line] = label[lines[line, FIRST]] == 0
     labeled = lines[~is_lost]
     start, box = _columns_of(labeled)
+    corners = _boxes_of(labeled)
     key = np.empty(_longest(lines), np.int64)
     for line in np.flatnonzero(is_lost):
         size, n = lines[line, LENGTH], lines[line, FIRST]
         voxel = (lines[line, X], lines[line, Y], lines[line, Z], size)
-        _find_nearest(voxel, labeled, start, box, around, key)
+        if not _find_nearest(voxel, labeled, start, box, around, key):
+            _find_far(voxel, labeled, corners, key)
         for k in range(size):
             label[n + k] = label[key[k] & _PLACE]
 
@@ -141,11 +148,24 @@ def _columns_of(lines: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, key: Any) -> None:
+def _boxes_of(lines: Any) -> Any:
+    """Return (box, 6) the first and the last index along x, y and z of lines that are together."""
+    corners = np.empty(((len(lines) - 1) // _TOGETHER + 1, 6), np.int32)
+    corners[:, :3], corners[:, 3:] = 2**31 - 1, -(2**31)
+    for line in range(len(lines)):
+        own = corners[line // _TOGETHER]
+        for k in range(3):
+            last = lines[line, k] + (lines[line, LENGTH] - 1 if k == Z else 0)
+            own[k], own[3 + k] = min(own[k], lines[line, k]), max(own[3 + k], last)
+    return corners
+
+
+@njit(cache=True, nogil=True)
+def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, key: Any) -> Any:
     """Write the keys of what is nearest to some voxels along z: the first, and how many.
 
     A key is the squared distance, then the place in the list: the least is the nearest, the first
-    of equals.
+    of equals. Return False where a line beyond the columns around may be as near.
     """
     x, y, z, size = voxels
     key[:size] = _FAR
@@ -153,7 +173,7 @@ def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, ke
     for k in range(len(around)):
         beside = around[k, 2] << _BITS
         if beside > most:
-            return
+            return True
         i, j = x + around[k, 0] - box[0], y + around[k, 1] - box[1]
         if 0 <= i < box[2] and 0 <= j < box[3]:
             for line in range(start[i * box[3] + j], start[i * box[3] + j + 1]):
@@ -161,10 +181,28 @@ def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, ke
                 gap = max(1 - ahead - size, ahead - lines[line, LENGTH] + 1)
                 if gap <= 0 or beside + (gap * gap << _BITS) <= most:
                     most = _take_nearer(ahead, beside, lines, line, size, key)
-    for line in range(len(lines)):  # farther than all columns that are in order
-        beside = np.int64(x - lines[line, X]) ** 2 + np.int64(y - lines[line, Y]) ** 2
-        ahead = np.int64(z - lines[line, Z])
-        _take_nearer(ahead, beside << _BITS, lines, line, size, key)
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _find_far(voxels: Any, lines: Any, corners: Any, key: Any) -> None:
+    """Write the keys of what is nearest to some voxels, as `_find_nearest`, among all lines."""
+    x, y, z, size = voxels
+    away = np.empty(len(corners), np.int64)
+    for b in range(len(corners)):
+        i = max(corners[b, X] - x, x - corners[b, 3 + X], 0)
+        j = max(corners[b, Y] - y, y - corners[b, 3 + Y], 0)
+        k = max(corners[b, Z] - z - size + 1, z - corners[b, 3 + Z], 0)
+        away[b] = i * i + j * j + k * k
+    nearest = np.argmin(away)
+    most = _FAR
+    for n in range(-1, len(corners)):
+        b = nearest if n < 0 else n
+        if away[b] << _BITS <= most:
+            for line in range(b * _TOGETHER, min((b + 1) * _TOGETHER, len(lines))):
+                i, j = np.int64(x - lines[line, X]), np.int64(y - lines[line, Y])
+                ahead = np.int64(z - lines[line, Z])
+                most = _take_nearer(ahead, (i * i + j * j) << _BITS, lines, line, size, key)
 
 
 @njit(cache=True, nogil=True)

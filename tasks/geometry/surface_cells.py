@@ -111,11 +111,10 @@ def find_ends(cells: Cells, least_m: float, apart_m: float, most: int) -> NDArra
     most
         Most ends.
     """
-    x, y, z = (cells.center - np.median(cells.center, axis=0)).T
-    root = int(np.argmin(np.sqrt(x * x + y * y + z * z)))
-    first, beside, length = _find_neighbors(cells.place, cells.column, cells.center)
-    way = _spread(first, beside, length, root)
-    peaks = _mark_peaks(cells.place, cells.column, first, beside, way)
+    root = _find_middle(cells.center)
+    beside, length, count = _find_neighbors(cells.place, cells.column, cells.center)
+    way = _spread(beside, length, count, root)
+    peaks = _mark_peaks(cells.place, cells.column, (beside, count), way)
     peaks &= way > least_m
     ends = np.flatnonzero(peaks)
     return ends[choose_apart(cells.center[ends], way[ends], apart_m, most)]
@@ -159,27 +158,29 @@ def _divide(place: Any, size: Any) -> Any:
         for k in range(3):
             index[v, k] = np.floor(place[v, k] / size)
             low[k], high[k] = min(low[k], index[v, k]), max(high[k], index[v, k])
-    low -= _RIM
-    nx, ny, nz = high - low + _RIM + 1
+    nx, ny, nz = high - low + 1  # without the rim
     number = np.full(nx * ny * nz, -1, np.int32)
     flat = np.empty(len(place), np.int32)
     for v in range(len(place)):
         x, y, z = index[v, 0] - low[0], index[v, 1] - low[1], index[v, 2] - low[2]
         flat[v] = (x * ny + y) * nz + z
         number[flat[v]] = 0
-    column = np.empty((nx, ny + 1), np.int32)
+    column = np.zeros((nx + 2 * _RIM, ny + 2 * _RIM + 1), np.int32)
     where = np.empty((len(place), 3), np.int32)
     count = 0
     for x in range(nx):
+        column[_RIM + x, :_RIM] = count
         for y in range(ny):
-            column[x, y] = count
+            column[_RIM + x, _RIM + y] = count
             begin = (x * ny + y) * nz
             for z in range(nz):
                 if number[begin + z] == 0:
                     number[begin + z] = count
-                    where[count, 0], where[count, 1], where[count, 2] = x, y, z
+                    where[count, 0], where[count, 1] = _RIM + x, _RIM + y
+                    where[count, 2] = _RIM + z
                     count += 1
-        column[x, ny] = count
+        column[_RIM + x, _RIM + ny :] = count
+    column[_RIM + nx :] = count
     for v in range(len(place)):
         flat[v] = number[flat[v]]
     return flat, where[:count].copy(), column
@@ -232,26 +233,30 @@ def _sum_balls(column: Any, weighed: Any, wanted: Any, where: Any, sizes: Any, s
     total, middle = sums
     radius, size = sizes
     reach = radius / size
+    inside = np.empty(len(center), np.int32)
     for s in range(len(wanted)):
         # a cell's middle is anywhere in it: it may be one cell nearer than its place says
         x0, y0 = where[s, 0], where[s, 1]
-        total[s] = 0.0
-        sum_weight = mx = my = mz = 0.0
+        whole = sum_weight = mx = my = mz = 0.0
         x1, x2 = int(np.ceil(x0 - reach - 1.0)), int(x0 + reach + 1.0)
         for x in range(max(x1, 0), min(x2 + 1, len(column))):
             left = np.sqrt(max(reach**2 - max(abs(x - x0) - 1.0, 0.0) ** 2, 0.0))
             y1 = max(int(np.ceil(y0 - left - 1.0)), 0)
             y2 = min(int(y0 + left + 1.0) + 1, column.shape[1] - 1)
+            near = 0
             for n in range(column[x, min(y1, y2)], column[x, max(y2, 0)]):
                 dx = center[n, 0] - wanted[s, 0]
                 dy = center[n, 1] - wanted[s, 1]
                 dz = center[n, 2] - wanted[s, 2]
-                if dx * dx + dy * dy + dz * dz < radius * radius:
-                    total[s] += mass[n]
-                    sum_weight += weight[n]
-                    mx += weight[n] * center[n, 0]
-                    my += weight[n] * center[n, 1]
-                    mz += weight[n] * center[n, 2]
+                inside[near] = n  # without a branch: one in four is kept
+                near += dx * dx + dy * dy + dz * dz < radius * radius
+            for n in inside[:near]:
+                whole += mass[n]
+                sum_weight += weight[n]
+                mx += weight[n] * center[n, 0]
+                my += weight[n] * center[n, 1]
+                mz += weight[n] * center[n, 2]
+        total[s] = whole
         for k in range(3):
             middle[s, k] = wanted[s, k]
         if sum_weight > 0.0:
@@ -261,66 +266,99 @@ def _sum_balls(column: Any, weighed: Any, wanted: Any, where: Any, sizes: Any, s
 
 
 @njit(cache=True, nogil=True)
-def _find_neighbors(where: Any, column: Any, center: Any) -> Any:
-    """Return each cell's first neighbor in a list (one more), the list, and how far these are."""
-    first = np.zeros(len(where) + 1, np.int32)
-    beside = np.empty(26 * len(where) + 1, np.int32)  # one more is written, and not kept
-    count = 0
-    for cell in range(len(where)):
-        x0, y0, z0 = where[cell, 0], where[cell, 1], where[cell, 2]
-        for x in range(x0 - 1, x0 + 2):
-            for n in range(column[x, y0 - 1], column[x, y0 + 2]):
-                beside[count] = n
-                count += n != cell and abs(where[n, 2] - z0) <= 1
-        first[cell + 1] = count
-    length = np.empty(count)
-    for cell in range(len(where)):
-        for k in range(first[cell], first[cell + 1]):
-            n = beside[k]
-            dx = center[n, 0] - center[cell, 0]
-            dy = center[n, 1] - center[cell, 1]
-            dz = center[n, 2] - center[cell, 2]
-            length[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    return first, beside[:count].copy(), length
+def _find_middle(center: Any) -> Any:
+    """Return the cell that is nearest to the median of all."""
+    middle = (np.median(center[:, 0]), np.median(center[:, 1]), np.median(center[:, 2]))
+    root, least = 0, np.inf
+    for cell in range(len(center)):
+        x, y, z = (
+            center[cell, 0] - middle[0],
+            center[cell, 1] - middle[1],
+            center[cell, 2] - middle[2],
+        )
+        way = np.sqrt(x * x + y * y + z * z)
+        if way < least:
+            root, least = cell, way
+    return root
 
 
 @njit(cache=True, nogil=True)
-def _spread(first: Any, beside: Any, length: Any, root: Any) -> Any:
+def _find_neighbors(where: Any, column: Any, center: Any) -> Any:
+    """Return each cell's neighbors in order (cell, 26), how far they are, and how many it has.
+
+    Each pair is found once, from the cell that comes first.
+    """
+    beside, length = np.empty((len(where), 26), np.int32), np.empty((len(where), 26))
+    count = np.zeros(len(where), np.int32)
+    begin = np.zeros(4, np.int32)  # in each column, the first cell that is not far below
+    for cell in range(len(where)):
+        x, y, z = where[cell, 0], where[cell, 1], where[cell, 2]
+        if cell == column[x, y]:
+            begin[0] = column[x, y + 1]
+            begin[1:] = column[x + 1, y - 1 : y + 2]
+        if cell + 1 < column[x, y + 1] and where[cell + 1, 2] == z + 1:
+            _join(cell, cell + 1, center, beside, length, count)
+        for k in range(4):
+            n, end = begin[k], column[x, y + 2] if k == 0 else column[x + 1, y + k - 1]
+            while n < end and where[n, 2] < z - 1:
+                n += 1
+            begin[k] = n
+            while n < end and where[n, 2] <= z + 1:
+                _join(cell, n, center, beside, length, count)
+                n += 1
+    return beside, length, count
+
+
+@njit(cache=True, nogil=True)
+def _join(cell: Any, other: Any, center: Any, beside: Any, length: Any, count: Any) -> None:
+    """Write two cells into each other's lists."""
+    dx = center[other, 0] - center[cell, 0]
+    dy = center[other, 1] - center[cell, 1]
+    dz = center[other, 2] - center[cell, 2]
+    own, its = count[cell], count[other]
+    beside[cell, own], beside[other, its] = other, cell
+    length[cell, own] = length[other, its] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    count[cell], count[other] = own + 1, its + 1
+
+
+@njit(cache=True, nogil=True)
+def _spread(beside: Any, length: Any, count: Any, root: Any) -> Any:
     """Return the length of the shortest way over neighboring cells from the root to each cell."""
-    count = len(first) - 1
-    way = np.full(count, np.inf)
-    queue = np.empty(count, np.int32)
-    waiting = np.zeros(count, np.bool_)
+    cells = len(count)
+    way = np.full(cells, np.inf)
+    queue = np.empty(cells, np.int32)
+    waiting = np.zeros(cells, np.bool_)
     queue[0] = root
     waiting[root] = True
     way[root] = 0.0
     begin, left = 0, 1
     while left > 0:
         cell = queue[begin]
-        begin = begin + 1 if begin + 1 < count else 0
+        begin = begin + 1 if begin + 1 < cells else 0
         left -= 1
         waiting[cell] = False
-        for k in range(first[cell], first[cell + 1]):
-            n = beside[k]
-            longer = way[cell] + length[k]
+        for k in range(count[cell]):
+            n = beside[cell, k]
+            longer = way[cell] + length[cell, k]
             if longer < way[n] - 1e-9:
                 way[n] = longer
                 if not waiting[n]:
                     waiting[n] = True
-                    queue[(begin + left) % count] = n
+                    queue[(begin + left) % cells] = n
                     left += 1
     return way
 
 
 @njit(cache=True, nogil=True)
-def _mark_peaks(where: Any, column: Any, first: Any, beside: Any, way: Any) -> Any:
+def _mark_peaks(where: Any, column: Any, neighbors: Any, way: Any) -> Any:
     """Return which cells are reached and farther than each neighbor within two cells."""
+    beside, count = neighbors
     peaks = np.empty(len(where), np.bool_)
     for cell in range(len(where)):
         own = way[cell]
         is_peak = np.isfinite(own)
-        for k in range(first[cell], first[cell + 1]):  # most are no peak beside these
-            is_peak &= not (way[beside[k]] > own and np.isfinite(way[beside[k]]))
+        for k in range(count[cell]):  # most are no peak beside these
+            is_peak &= not (way[beside[cell, k]] > own and np.isfinite(way[beside[cell, k]]))
         if is_peak:
             x0, y0, z0 = where[cell, 0], where[cell, 1], where[cell, 2]
             for x in range(x0 - 2, x0 + 3):

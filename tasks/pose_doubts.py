@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.doubts import is_cut_off, unexplained_share
+from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
@@ -80,20 +81,14 @@ def find_doubts(
         return share, is_cut_off(lines, frames.grid.shape)
 
     share, cut_off = map(np.array, zip(*side_by_side(look, range(len(frames))), strict=True))
-    long = max(1, round(settings.hidden_s * rate_hz))
+    hidden, long = np.zeros(len(frames), np.bool_), max(1, round(settings.hidden_s * rate_hz))
+    for hand in np.isnan(hands[..., 0]).T:
+        for first, end in runs(hand):
+            hidden[first:end] |= end - first >= long
     found = {
         "unmeasured": np.full(len(frames), confidence < settings.least_confidence),
         "unexplained": share > share[initial_frame] + settings.unexplained,
         "cut_off": cut_off,
-        "hidden": np.stack([_lasting(hand, long) for hand in np.isnan(hands[..., 0]).T]).any(0),
+        "hidden": hidden,
     }
     return {**found, "doubtful": np.logical_or.reduce([doubtful, *found.values()])}
-
-
-def _lasting(is_so: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
-    """Return where something is so for at least so many frames on end."""
-    edges = np.flatnonzero(np.diff(is_so, prepend=False, append=False)).reshape(-1, 2)
-    lasting = np.zeros(len(is_so), np.bool_)
-    for first, last in edges[np.diff(edges, axis=1)[:, 0] >= least]:
-        lasting[first:last] = True
-    return lasting

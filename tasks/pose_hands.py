@@ -15,6 +15,7 @@ from tasks.geometry.articulated import Floats, place_bones
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import place_model
 from tasks.geometry.limb_search import LIMBS
+from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side
 from tasks.pose_passes import Fitting, reach_best
 
@@ -52,8 +53,9 @@ def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -
     weights = np.ones(cues.shape[:2]) if take.cue_weights is None else take.cue_weights.copy()
     for hand, cue in enumerate(_HANDS):
         places = {t: hands[hand] for t, hands in found.items() if hands[hand] is not None}
-        for t in _lasting(sorted(places), step):
-            cues[t, cue], weights[t, cue] = places[t], 1.0
+        for first, end in runs(np.isin(frames, list(places))):
+            for t in range(first, end) if end - first >= step else ():
+                cues[t, cue], weights[t, cue] = places[t], 1.0
     return replace(take, cues=cues, cue_weights=weights)
 
 
@@ -91,9 +93,3 @@ def _free_ends(take: Fitting, fit: Fit, ends: Floats) -> Floats:
     mean, _ = place_model(take.model, fit.pose)
     away = np.linalg.norm(ends[:, None] - mean, axis=2)
     return ends[away.min(axis=1, initial=np.inf) > take.settings.free_end * take.model.stature]
-
-
-def _lasting(frames: Sequence[int], least: int) -> list[int]:
-    """Return the frames (ascending) that are in runs of at least so many on end."""
-    runs = np.split(np.array(frames, int), np.flatnonzero(np.diff(frames) > 1) + 1)
-    return [int(t) for run in runs if len(run) >= least for t in run]

@@ -15,6 +15,7 @@ from tasks.geometry.articulated import Floats, Pose, rest_pose
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import middles
 from tasks.geometry.limb_search import LIMBS, Limb
+from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side
 from tasks.pose_passes import Fitting, follow, merge, reach_best, settle
 
@@ -69,10 +70,8 @@ def _stretches(take: Fitting, ends: Floats) -> list[tuple[int, int]]:
     """
     apart = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     is_apart = apart > take.settings.side_apart * take.model.stature
-    edges = np.flatnonzero(np.diff(is_apart, prepend=False, append=False))
     least = max(2, round(take.settings.side_least_s * take.rate_hz))
-    pairs = edges.reshape(-1, 2).tolist()
-    return [(first, last) for first, last in pairs if last - first >= least]
+    return [(first, end) for first, end in runs(is_apart) if end - first >= least]
 
 
 def _exchange(

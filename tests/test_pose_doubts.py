@@ -2,28 +2,8 @@
 
 import numpy as np
 
-from tasks.geometry.voxels import VoxelGrid, encode_runs
 from tasks.pose_doubts import DoubtSettings, find_doubts
-
-GRID = VoxelGrid((0.0, 0.0, 0.0), 0.1, (30, 20, 10))
-
-
-class Frames:
-    """What `find_doubts` reads of a take: boxes of voxels."""
-
-    grid = GRID
-
-    def __init__(self, *boxes):
-        self._boxes = boxes
-
-    def __len__(self):
-        return len(self._boxes)
-
-    def hull(self, frame):
-        occupied = np.zeros((1, *GRID.shape), bool)
-        for low, high in self._boxes[frame]:
-            occupied[0, low[0] : high[0], low[1] : high[1], low[2] : high[2]] = True
-        return encode_runs(occupied)
+from tests.box_frames import Frames
 
 
 def standing(count):
@@ -69,8 +49,8 @@ def test_a_badly_measured_body_makes_every_frame_doubtful():
 def test_a_hand_that_was_hidden_for_long_is_a_guess():
     frames, blobs = standing(40)
     hands = np.zeros((40, 2, 3))
-    hands[3:11, 0] = np.nan  # 8 frames
-    hands[5:14, 1] = np.nan  # 9: 0.3 s
+    hands[3:11, 1] = np.nan  # 8 frames
+    hands[5:14, 0] = np.nan  # 9: 0.3 s
     hands[30:, 0] = np.nan
     found = doubts(frames, np.zeros(40, bool), blobs, hands)
     assert np.flatnonzero(found["hidden"]).tolist() == [*range(5, 14), *range(30, 40)]

@@ -7,33 +7,10 @@ import pytest
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_index
 from tasks.initial_model import InitialModel
 from tasks.posing import _check_measurable
+from tests.box_frames import Frames
 from tests.conftest import swaying_body
-
-GRID = VoxelGrid((0.0, 0.0, 0.0), 0.1, (30, 20, 10))
-
-
-class Frames:
-    """What `_check_measurable` reads of a take."""
-
-    grid = GRID
-
-    def __init__(self, *boxes):
-        self._boxes = boxes
-
-    def __len__(self):
-        return len(self._boxes)
-
-    def hull(self, frame):
-        occupied = np.zeros((1, *GRID.shape), bool)
-        for low, high in self._boxes[frame]:
-            occupied[0, low[0] : high[0], low[1] : high[1], low[2] : high[2]] = True
-        return encode_runs(occupied)
-
-    def index(self, frame):
-        return voxel_index(self.hull(frame), 0)
 
 
 @pytest.mark.parametrize("path", [None, Path("in/initial.json")])

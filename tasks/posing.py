@@ -29,6 +29,7 @@ from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
 from tasks.geometry.bone_fields import BoneFields, carry_back
 from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
+from tasks.geometry.initial_shape_labels import complete_joints, label_points
 from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
@@ -253,10 +254,10 @@ def _fit_jointly(
 
     def make_fields() -> BoneFields:
         index = frames.index(initial_frame)
-        return make_body_fields(
-            index, voxel_centers(frames.grid, index), start["label"],
-            dict(zip(JOINTS, start["position"], strict=True)), frames.grid.voxel_m,
-        )  # fmt: skip
+        center = voxel_centers(frames.grid, index)
+        joints = dict(zip(JOINTS, start["position"], strict=True))
+        label = _labels_to_carry(source.initial, center, start["label"], joints)
+        return make_body_fields(index, center, label, joints, frames.grid.voxel_m)
 
     with ThreadPoolExecutor(1) as beside:  # one frame is fitted after the other
         making = beside.submit(make_fields)
@@ -294,6 +295,17 @@ def _fit_jointly(
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
+
+
+def _labels_to_carry(
+    given: Path | None, center: NDArray[np.float64], label: NDArray[np.integer],
+    joints: dict[str, NDArray[np.float64]],
+) -> NDArray[np.integer]:  # fmt: skip
+    """Return the labels that final ones are carried from: arms whole, unless a person labeled."""
+    if given and read_initial(given).label is not None:
+        return label
+    whole = label_points(center, complete_joints(joints), whole_arms=True)
+    return np.where(label > 0, whole, 0).astype(np.uint8)
 
 
 def _fit_as_paper(

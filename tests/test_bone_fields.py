@@ -4,7 +4,13 @@ from scipy.spatial.transform import Rotation
 
 from tasks.final_labeling import label_carried, make_body_fields
 from tasks.geometry.bone_fields import carry_back, make_fields, nearest_bones
-from tasks.geometry.initial_shape_labels import complete_joints, is_limb, label_points
+from tasks.geometry.initial_shape_labels import (
+    HUMERAL_HEAD,
+    body_size,
+    complete_joints,
+    is_limb,
+    label_points,
+)
 from tasks.geometry.label_regions import clean_labels
 from tasks.geometry.voxel_lines import lines_of_index
 
@@ -182,6 +188,20 @@ def test_the_trunk_is_parted_where_anatomy_parts_it():
     beyond = 2 * (center[:, 0] - 0.16) + (top - 1.36) >= 0
     np.testing.assert_array_equal(label[shoulder] == 6, beyond[shoulder])
     assert 50 < shoulder.sum() < len(center) / 10
+
+
+def test_a_whole_arm_has_the_head_of_its_bone():
+    joints, _, center, _ = standing()
+    whole = complete_joints(joints)
+    label = label_points(center, whole)
+    longer = label_points(center, whole, whole_arms=True)
+    inner = 0.16 - HUMERAL_HEAD * body_size(whole)
+    shoulder = (np.abs(center[:, 0] - 0.15) < 0.05) & (np.abs(center[:, 1] - 1.36) < 0.05)
+    beyond = 2 * (center[:, 0] - inner) + (center[:, 1] - 1.36) >= 0
+    np.testing.assert_array_equal(longer[shoulder] == 6, beyond[shoulder])
+    changed = label != longer
+    assert set(label[changed].tolist()) == {2}
+    assert set(longer[changed].tolist()) == {4, 6}
 
 
 def test_an_arm_that_hangs_is_cut_upright():

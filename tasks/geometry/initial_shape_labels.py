@@ -41,6 +41,8 @@ where the ribs end, midway between xiphion and omphalion, 0.664 of the stature, 
 NECK_REACH, SHOULDER_REACH = 0.12, 0.10
 """How far from its joint the plane that parts the head, an arm, holds: half the breadth of the
 shoulders, the length from the shoulder to the armpit and some cloth; statures."""
+HUMERAL_HEAD = 0.014
+"""Radius of the head of the upper arm's bone, 23 mm (Boileau and Walch 1997); statures."""
 CLOTH = 0.015
 """How much thicker a limb is than its bone's radius at most, before it is cloth, statures."""
 
@@ -77,8 +79,14 @@ def body_size(joints: Mapping[str, Points]) -> float:
     return (trunk + sum(legs) / 2.0) / 0.961
 
 
-def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint8]:
-    """Return the label 1 to 11 (voxel,) of points (voxel, 3), given complete joints."""
+def label_points(
+    point: Points, joints: Mapping[str, Points], *, whole_arms: bool = False
+) -> NDArray[np.uint8]:
+    """Return the label 1 to 11 (voxel,) of points (voxel, 3), given complete joints.
+
+    With `whole_arms` an arm has the head of its bone; without, it is cut through the shoulder's
+    joint, about which it turns.
+    """
     size = body_size(joints)
     places = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2.0}
     across = _unit(joints["LShoulder"] - joints["RShoulder"])
@@ -95,7 +103,8 @@ def label_points(point: Points, joints: Mapping[str, Points]) -> NDArray[np.uint
         distance = np.linalg.norm(off, axis=1) - size * (thick + share * (thin - thick))
         closer = distance < least
         least[closer], label[closer] = distance[closer], number
-    _cut_off_head_and_arms(point, places, label, size)
+    inward = HUMERAL_HEAD * size if whole_arms else 0.0
+    _cut_off_head_and_arms(point, places, label, (size, inward))
     _cut_trunk(point, places, label)
     return label
 
@@ -126,21 +135,26 @@ def is_limb(
 
 
 def _cut_off_head_and_arms(
-    point: Points, places: Mapping[str, Points], label: NDArray[np.uint8], size: float
-) -> None:
+    point: Points, places: Mapping[str, Points], label: NDArray[np.uint8],
+    sizes: tuple[float, float],
+) -> None:  # fmt: skip
     """Part the body from head and upper arms, in place, by planes near the joints.
 
     The neck is cut across. An arm that hangs is cut upright; one that is stretched from the inner
     end of the shoulder, above, to the armpit, which is farther out.
+
+    sizes : the body's, and how far the arms' planes are inward of their joints, m
     """
+    size, inward = sizes
     up = _unit(places["Neck"] - places["Hips"])
     across = _unit(places["LShoulder"] - places["RShoulder"])
-    cuts = [(1, "Neck", places["Head"] - places["Neck"], NECK_REACH)]
+    cuts = [(1, places["Neck"], places["Head"] - places["Neck"], NECK_REACH)]
     for number, side, outward in ((4, "R", -across), (6, "L", across)):
         arm = _unit(places[f"{side}Elbow"] - places[f"{side}Shoulder"])
-        cuts.append((number, f"{side}Shoulder", outward + arm + up, SHOULDER_REACH))
-    for number, joint, normal, reach in cuts:
-        away = point - places[joint]
+        inner = places[f"{side}Shoulder"] - inward * outward
+        cuts.append((number, inner, outward + arm + up, SHOULDER_REACH))
+    for number, place, normal, reach in cuts:
+        away = point - place
         here = (label == 2) | (label == number)
         here &= np.linalg.norm(away, axis=1) < reach * size
         label[here] = np.where(away[here] @ normal >= 0, number, 2)

@@ -128,7 +128,7 @@ def _read_background(path: Path) -> Background:
     return _keep_background(path, (about.st_ino, about.st_size, about.st_mtime_ns))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # the cameras of a take, or of two: each holds 16 bytes a pixel
 def _keep_background(path: Path, _: tuple[int, int, int]) -> Background:
     return _make_background(path)
 

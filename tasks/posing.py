@@ -144,8 +144,8 @@ def fit_take(
         (time, 11, 3), m, `rotation` (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,),
         why it is so as of `find_doubts`, of the method `joint` also `hands_unsure` and
         `feet_unsure` (time,) bool, what labels voxels (of `joint` the body's fields, and `turn` and
-        `shift` a frame; of `paper` `blob_mean` and
-        `blob_inverse` a frame), the joints that the body was measured with (`initial_joint`), and
+        `shift` a frame; of `paper` `blob_mean` and `blob_inverse` a frame), the joints that the
+        body was measured with (`initial_joint`), and
         where face and hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()

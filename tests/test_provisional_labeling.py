@@ -58,6 +58,19 @@ def test_voxels_far_from_all_of_before_take_the_first_of_the_nearest(rng):
     assert len(set(found.tolist())) > 5
 
 
+@pytest.mark.parametrize("up", [1, -1])
+def test_far_voxels_of_a_line_may_be_nearest_to_different_ones(up):
+    """The line's own length does not put off what is 30 beyond its one end: 28 beyond the other."""
+    now = np.array([[0, 0, z] for z in range(5)])
+    near, far = (-28, 34) if up == 1 else (32, -30)
+    aside = [[-12, 0, near], *([-12, y, near] for y in range(100, 115))]  # lines that are together
+    before = np.array([*aside, [12, 0, far]])
+    label = np.array([*[1] * len(aside), 2], np.uint8)
+    found = provisional.label_from_previous(lines_of_index(now), lines_of_index(before), label)
+    assert found.tolist() == naive_previous(now, before, label)
+    assert set(found.tolist()) == {1, 2}
+
+
 @pytest.mark.parametrize("scale", [1, 3], ids=["near", "beyond the columns in order"])
 def test_a_nearer_voxel_in_a_farther_row_is_taken(scale):
     before = lines_of_index(scale * np.array([[8, 8, 0], [11, 0, 0]]))  # 11.3 and 11 away

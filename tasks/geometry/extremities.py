@@ -307,12 +307,14 @@ def _above_necks(
     The end is the top of the head, and what is too far from it is a neck, which shows skin from
     behind, too.
     """
-    first = candidates[initial_frame]
-    if np.isnan(face[initial_frame, 0]):
+    first, seen = candidates[initial_frame], np.isfinite(face[:, 0])
+    if not seen[initial_frame]:
         return face
     usual = first.face_end[_nearest_to(first.face, face[initial_frame])]
+    if not np.isfinite(usual):
+        return face
     moved = face.copy()
-    for t in np.flatnonzero(np.isfinite(face[:, 0]) & np.isfinite(usual)).tolist():
+    for t in np.flatnonzero(seen).tolist():
         frame = candidates[t]
         own, share = _nearest_to(frame.face, face[t]), frame.face_end / usual
         beside = np.linalg.norm(frame.face - face[t], axis=1) < 2.0 * usual * stature_m

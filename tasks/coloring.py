@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from storage import open_archive
@@ -33,6 +32,7 @@ from tasks.geometry.voxels import (
     take_frame,
     voxel_centers,
 )
+from tasks.kernels import njit
 
 NO_CAMERA = 255
 """The camera of a voxel that no camera sees."""

@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.articulated import BONES, SEGMENT
@@ -25,6 +24,7 @@ from tasks.geometry.fit_model import bones_of_voxels
 from tasks.geometry.initial_shape_labels import body_size, complete_joints, is_limb
 from tasks.geometry.label_regions import clean_labels
 from tasks.geometry.voxel_lines import VoxelLines
+from tasks.kernels import njit
 
 __all__ = ["clean_labels", "label_carried", "label_frame", "make_body_fields", "nearest_segments"]
 

@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from types import CodeType
@@ -68,12 +68,14 @@ def _module_file(name: str) -> Path | None:
     return next((p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file()), None)
 
 
-def _imported_names(path: Path) -> Iterator[str]:
-    """Yield the names of ours that the file at `path` imports, at any depth.
+@functools.cache
+def _imported_names(path: Path) -> frozenset[str]:
+    """Return the names of ours that the file at `path` imports, at any depth.
 
     From its byte code: takes are digitized in several threads, and `ast.parse` in two of them at
     once can fail in Python 3.11 (python/cpython issue 106905).
     """
+    names = set()
     waiting = [compile(path.read_bytes(), str(path), "exec", dont_inherit=True)]
     while waiting:
         code = waiting.pop()
@@ -87,7 +89,8 @@ def _imported_names(path: Path) -> Iterator[str]:
             else:
                 continue
             if name.split(".")[0] in _OURS:
-                yield name
+                names.add(name)
+    return frozenset(names)
 
 
 def _plain(value: Any) -> Any:

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.label_regions import clean_labels
 from tasks.geometry.nearest_voxels import copy_nearest
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
+from tasks.kernels import njit
 
 _IN_RING, _ENCLOSED, _LEFT = np.uint8(1), np.uint8(2), np.uint8(4)
 """Marks of a voxel: in the ring, between its own label, and no more of its first one."""

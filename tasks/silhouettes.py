@@ -21,7 +21,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from storage import open_archive
@@ -33,6 +32,7 @@ from tasks.geometry.outlines import draw_outline
 from tasks.geometry.silhouette_pixels import take_pixels
 from tasks.geometry.specks import clean_region
 from tasks.geometry.threads import side_by_side
+from tasks.kernels import njit
 
 RULES = ("chroma", "crcb")
 

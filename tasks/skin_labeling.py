@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.label_regions import first_of
 from tasks.geometry.skin import LEAST_RATIO, NO_CAMERA
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
+from tasks.kernels import njit
 from tasks.voxel_frames import VoxelFrames
 
 SKIN_LABELS = (1, 5, 7)

@@ -6,8 +6,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 _STEP = 3  # every third pixel of every third row says enough about the brightness of a frame
 _DARK, _CLIPPED = 3 * 20.0, 3 * 250.0

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tasks.geometry.articulated import (
     BONES,
@@ -27,6 +26,7 @@ from tasks.geometry.articulated import (
 from tasks.geometry.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.geometry.fit_model import FitModel
 from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
+from tasks.kernels import njit
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
 from tasks.geometry.articulated import over, times
+from tasks.kernels import njit
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ nearest of itself and the eight around, which hold all of a voxel whose center i
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 _RADIUS = np.sqrt(0.75)  # of a voxel, to its corner
 _REACH = np.sqrt(2.75) + 1e-2  # from a voxel's center all through a neighbor; and rounding

@@ -6,9 +6,10 @@ Colors are two chromaticities, which a change of light leaves alone, and a coars
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from tasks.kernels import njit
 
 CHROMA_STEP = 0.02
 LIGHT_STEP = 32

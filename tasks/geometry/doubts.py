@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.voxel_lines import LENGTH, VoxelLines, Z
+from tasks.kernels import njit
 
 _SPECKS = 3  # voxels that may touch a side
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.skin import NO_CAMERA, SkinModel, SurfaceFrame
 from tasks.geometry.surface_cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
+from tasks.kernels import njit
 
 Floats = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.canvas import Color, Image
+from tasks.kernels import njit
 
 _CELL_M = 0.02
 _HALF_CELLS = 96

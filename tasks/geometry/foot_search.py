@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
@@ -17,6 +16,7 @@ from tasks.geometry.extremity_candidates import find_lumps
 from tasks.geometry.extremity_paths import Motion, best_paths
 from tasks.geometry.skin import NO_CAMERA, SurfaceFrame, separability
 from tasks.geometry.surface_cells import gather_cells
+from tasks.kernels import njit
 
 Floats = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ are asked for their neighbors.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.nearest_voxels import fill_from_nearest
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
+from tasks.kernels import njit
 
 NOBODY = -1
 """The region of a voxel that is in none, and the neighbor where there is none."""

@@ -8,8 +8,9 @@ whose color no mixture of these two explains: something else, thin, of the perfo
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 _LOW = 2**32 - 1
 

@@ -19,8 +19,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 _STRETCH = 1024  # points that are projected together: what is held of them stays near
 _WIDEST = 10.0  # 84.3 degrees from the axis; no bent lens is believed farther out

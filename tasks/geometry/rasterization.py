@@ -6,8 +6,9 @@ Triangles are bent by the lens at their corners only, so they should be small.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 NEAR_M = 0.05
 """A triangle with a corner nearer to the camera than this is not drawn."""

@@ -6,8 +6,9 @@ Silhouettes are packed as by `numpy.packbits`: the first of eight pixels is the 
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 
 def take_pixels(packed: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:

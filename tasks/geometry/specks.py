@@ -8,8 +8,9 @@ the picture once, and a little for each run.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 
 def clean_region(

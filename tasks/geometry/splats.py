@@ -9,8 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 BALL = 0.9
 """Radius in voxels: a surface of voxels that leans in all axes has gaps up to 0.82."""

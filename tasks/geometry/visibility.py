@@ -14,10 +14,10 @@ is in front.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.clear_lines import clear_shares
+from tasks.kernels import njit
 
 REACH = 2
 """Voxels around a voxel that its normal is taken from."""

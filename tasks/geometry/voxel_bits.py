@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tasks.geometry.voxels import VoxelRuns
+from tasks.kernels import njit
 
 WORD = 32
 """Voxels along z in a word of bits."""

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from tasks.kernels import njit
 
 _MOST_VOXELS = 2**32  # the number of a voxel is stored in 32 bits
 _LONGEST_SIDE = 2**16 - 1  # the length of a run in 16

@@ -1,0 +1,89 @@
+"""Compiled kernels, kept on disk until an edit to any file that they stand on.
+
+What a kernel calls and what it takes as a constant is compiled into it, from other files too, but
+numba's `cache=True` looks at the kernel's own file only: after an edit elsewhere, the old code
+runs on. A kernel of ours is therefore kept together with the digests of its file and of every
+file of ours behind it, and counts only where all of them are as they were.
+
+numba has no public way to say so for some kernels and not for all packages. `FunctionCache`,
+`CompileResultCacheImpl` and the `_cache` of a dispatcher are its own; tests/test_kernels.py tells
+when they change.
+"""
+
+import functools
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+from tasks.fingerprints import source_files
+
+
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return numba's decorator of that name, whose `cache` notices edits to other files of ours.
+
+    Parameters
+    ----------
+    cache
+        Keep what is compiled, where numba would, for the next process.
+    options
+        Those of `numba.njit`.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        kernel: Any = numba.njit(**options)(function)
+        if cache and kernel is not function:  # as it is with NUMBA_DISABLE_JIT=1
+            kernel._cache = _KernelCache(function)
+        return kernel
+
+    return compiled
+
+
+def _digest_sources() -> dict[str, str]:
+    """Return the digest of every file of ours, by the name of its module."""
+    root = Path(__file__).parent.parent
+    digests = {}
+    for package in ("tasks", "storage"):
+        for path in (root / package).rglob("*.py"):
+            name = ".".join(path.relative_to(root).with_suffix("").parts)
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+            digests[name.removesuffix(".__init__")] = digest
+    return digests
+
+
+# before any kernel is imported: what is edited while this process runs is not what it compiles
+_DIGESTS = _digest_sources()
+
+
+@functools.cache
+def _digests_behind(module: str) -> dict[str, str]:
+    """Return the digests of `module` and of all that it imports of ours."""
+    # a file that came later has none, so what stands on it is compiled anew
+    return {name: _DIGESTS.get(name, "") for name in source_files(module)}
+
+
+class _KernelFiles(CompileResultCacheImpl):
+    """What numba writes of a kernel and reads again, with the digests of its sources."""
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        self._module = py_func.__module__
+
+    def reduce(self, cres: Any) -> dict[str, Any]:
+        return {"sources": _digests_behind(self._module), "compiled": super().reduce(cres)}
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        match payload:
+            case {"sources": dict(sources), "compiled": compiled}:
+                if sources.items() <= _DIGESTS.items():
+                    return super().rebuild(target_context, compiled)
+        return None  # not found, for numba: it compiles, and writes over what is there
+
+
+class _KernelCache(FunctionCache):
+    """numba's cache of one function, in files of that kind."""
+
+    _impl_class = _KernelFiles

@@ -226,6 +226,13 @@ def reach_of_head(point: Points, arms: Arms) -> float:
     return arms.half_span_m / max(above, 1e-6)
 
 
+def missing_reach(point: Points, arms: Arms) -> float:
+    """Return how many times as long half the span is with hands that the hull has lost; or 1."""
+    reach = reach_of_head(point, arms)
+    longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
+    return longer if arms.has_hands else max(longer, 1.0 / SLEEVE_REACH)
+
+
 def lengthen_arms(arms: Arms, half_span_m: float) -> Arms:
     """Return the arms with hands that the hull has lost put in, on the arms' lines."""
     reach = arms.reach_m * half_span_m / arms.half_span_m

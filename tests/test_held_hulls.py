@@ -119,3 +119,22 @@ def test_pieces_within_the_outline_from_above_are_of_the_body():
     piece = np.repeat(range(1, len(boxes) + 1), [len(part) for part in index])
     kept = pieces_of_body(np.concatenate(index), piece, 0.02)
     assert kept.tolist() == [False, True, True, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("size", "place", "kept"),
+    [
+        ((9, 35, 9), (30, 0, 4), True),
+        ((9, 35, 9), (48, 0, 4), False),  # farther off than a thigh is long
+        ((9, 35, 9), (30, 10, 4), False),  # above the floor
+        ((20, 8, 20), (30, 0, 0), False),  # flat
+        ((5, 30, 5), (30, 0, 4), False),  # thin
+    ],
+    ids=["shank", "far", "hangs", "flat", "thin"],
+)
+def test_a_piece_beside_the_body_is_kept_where_it_stands_like_a_shank(size, place, kept):
+    body = np.argwhere(np.ones((20, 100, 18)))
+    other = np.argwhere(np.ones(size)) + np.array(place)
+    piece = np.repeat([1, 2], [len(body), len(other)])
+    found = pieces_of_body(np.concatenate([body, other]), piece, 0.02)
+    assert found.tolist() == [False, True, kept]

@@ -16,7 +16,10 @@ from tasks.geometry.voxels import VoxelRuns, padded_crop
 
 OWN, PUT_BACK = 1, 2
 """In a crop: what the frame itself occupies, and what only the frames around it do."""
-_TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above
+_TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above, or
+_SHANK, _THIGH_LENGTH, _SHIN_HEIGHT, _ON_FLOOR = 0.03, 0.245, 0.1, 0.06
+# a shank with its foot, 0.061 of the body (Dempster 1955), of which half may be lost; it is at most
+# a thigh away (Drillis and Contini 1966), taller than a foot, and stands on the floor; in heights
 
 
 def frames_around(frame: int, frames: int, reach: int, *, count: int = 5) -> list[int]:
@@ -132,7 +135,10 @@ def beyond_others(bodies: Sequence[NDArray[np.integer]], cell: int) -> NDArray[n
 def pieces_of_body(
     index: NDArray[np.integer], piece: NDArray[np.integer], voxel_m: float
 ) -> NDArray[np.bool_]:
-    """Return (piece,) True for the largest piece and those above or below it, torn off.
+    """Return (piece,) True for the largest piece, those above or below it, and torn-off shanks.
+
+    What is beside the body is not taken for it (a thing, a ghost of two limbs), but for what stands
+    on the floor like the end of a leg that has lost its thigh.
 
     Parameters
     ----------
@@ -149,7 +155,14 @@ def pieces_of_body(
     low, high = main.min(axis=0) - margin, main.max(axis=0) + margin
     beside = ((index < low) | (index > high))[:, [0, 2]].any(axis=1)
     apart = np.bincount(piece, weights=beside, minlength=len(sizes)) > 0
-    return (sizes > 0.01 * sizes.max()) & ~apart
+    keeps = (sizes > 0.01 * sizes.max()) & ~apart
+    height, floor = float(np.ptp(main[:, 1])), index[keeps[piece], 1].min()
+    for number in np.flatnonzero(apart & (sizes > _SHANK * sizes.max())):
+        part = index[piece == number]
+        stands = part[:, 1].min() < floor + _ON_FLOOR * height
+        if stands and np.ptp(part[:, 1]) > _SHIN_HEIGHT * height:
+            keeps[number] = KDTree(main).query(part)[0].min() < _THIGH_LENGTH * height
+    return keeps
 
 
 def _box(begin: NDArray[np.integer], shape: Sequence[int]) -> tuple[slice, ...]:

@@ -4,7 +4,8 @@ The performer begins with the arms stretched sideways. The paper does not say ho
 that frame get their segments; here joints are read off the hull's shape, from published
 proportions where clothes hide them, and each voxel takes the bone it is nearest to. Whoever
 wants to places the joints by hand instead (`initial.json`). What a performer wears and how the
-legs stand are free; the arms have to show.
+legs stand are free; the arms have to show. The pose is held for some frames, which tell what the
+hull of one of them has lost.
 """
 
 import math
@@ -34,7 +35,7 @@ from tasks.geometry.initial_shape_picture import draw_from
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 _WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
-_CELL = 0.02  # frames are compared to this fineness, in heights: a finger's thickness
+_CELL = 0.02  # how finely frames are compared, in heights: a finger's thickness
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class InitialModel:
     label: NDArray[np.uint8]
     """(voxel,) segment 1 to 11 of that frame's voxels, in order; 0 for specks off the body."""
     confidence: float
-    """0 to 1: how well the shape was what is expected of stretched arms."""
+    """0 to 1: how well the shape was what is expected of stretched arms, and how whole it was."""
     notes: tuple[str, ...]
     """What to know about it, a sentence each."""
 
@@ -114,7 +115,10 @@ def find_initial_model(
     stature_m: float | None = None,
     settings: InitialModelSettings | None = None,
 ) -> InitialModel:
-    """Return the joints and labels of the frame that shows stretched arms best.
+    """Return the joints and labels of the whole frame that shows stretched arms best.
+
+    Joints are measured with what the frames around it have and it has lost; labels are of its own
+    voxels.
 
     Parameters
     ----------
@@ -322,6 +326,10 @@ def _look_at(
     is_own = crop[tuple(held.T)] == OWN
     is_body = keeps[pieces[tuple((index - begin).T)]]
     body = held + begin
+    height = max(float(np.ptp(body[:, 1])), 1.0) * grid.voxel_m
+    lost = farthest_lost(body, is_own) * grid.voxel_m / height
+    if lost <= _CELL:  # the flicker of a hull's surface
+        body = body[is_own]
     for axis, end in cut_off_at(body, grid.shape):
         return (
             f"the performer is partly outside the volume ({(body[:, axis] == end).sum()} voxels "
@@ -330,7 +338,6 @@ def _look_at(
         )
     point = voxel_centers(grid, body)
     arms = measure_arms(point, grid.voxel_m)
-    height = float(np.ptp(point[:, 1]))
     if arms is None:
         return f"nothing reaches to two sides of a performer {height:.2f} m high"
     score = _judge(arms, height, settings)
@@ -338,7 +345,6 @@ def _look_at(
         return score
     if missing_reach(point, arms) > 1.0:
         score *= 0.5
-    lost = farthest_lost(body, is_own) * grid.voxel_m / height
     return _Candidate(frame, index, is_body, body, arms, lost, score)
 
 

@@ -160,10 +160,11 @@ def test_nobody_and_two_people_are_said(figure):
         find_initial_model(runs_of(np.zeros(GRID.shape, bool)), GRID, 30.0)
     narrow = np.zeros(GRID.shape, bool)
     narrow[20:28, :80, 30:40] = narrow[90:98, :80, 100:110] = True
-    pole = np.zeros(GRID.shape, bool)
-    pole[20:23, :90, 30:33] = True
-    with pytest.raises(InputError, match=r"nothing reaches to two sides of a performer 1\.78 m"):
-        find_initial_model(runs_of(pole), GRID, 30.0)
+    pole, flat = np.zeros((2, *GRID.shape), bool)
+    pole[20:23, :90, 30:33] = flat[20:60, :1, 30:60] = True
+    for shape, high in ((pole, "1\\.78"), (flat, "0\\.02")):
+        with pytest.raises(InputError, match=f"reaches to two sides of a performer {high} m high"):
+            find_initial_model(runs_of(shape), GRID, 30.0)
     with pytest.raises(InputError, match="two large pieces of 6400 and 6400 voxels"):
         find_initial_model(runs_of(narrow), GRID, 30.0)
 
@@ -275,13 +276,26 @@ def test_what_each_frame_has_lost_is_put_back_from_the_others(figure, found):
 
 
 def test_frames_too_far_apart_put_nothing_back(stretched):
+    """Of three frames a third of a second apart two show another pose."""
+    danced = generate_performance([freely(3)], TK, rate_hz=3.0).position
+    other = figure_of(danced[4] - danced[4].mean(axis=0) * [1, 0, 1], "fitting").occupied
     figure = figure_of(stretched, "fitting")
-    cut = without(figure, FOOT)
-    frames = (figure.occupied, cut, figure.occupied)
-    model = find_initial_model(runs_of(*frames), GRID, 3.0, surfaces=figure.surfaces * 3)
+    runs = runs_of(other, figure.occupied, other)
+    model = find_initial_model(runs, GRID, 3.0, surfaces=figure.surfaces * 3)
     alone = find_initial_model(runs_of(figure.occupied), GRID, 3.0, surfaces=figure.surfaces)
     np.testing.assert_array_equal(model.position, alone.position)
     assert model.confidence == alone.confidence
+
+
+def test_specks_off_the_body_have_no_label(figure, found):
+    specks = np.zeros(GRID.shape, bool)
+    specks[30:33, 70:74, 120:125] = specks[100:103, 2:5, 20:26] = True
+    specks &= ~figure.occupied
+    runs = runs_of(figure.occupied | specks)
+    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces)
+    np.testing.assert_array_equal(model.label == 0, specks[figure.occupied | specks])
+    np.testing.assert_array_equal(model.position, found.position)
+    assert (model.label == 0).sum() > 80
 
 
 def test_a_leg_whose_end_no_frame_has_is_said(stretched):

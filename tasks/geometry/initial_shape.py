@@ -103,6 +103,8 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     """Return the arms of (voxel, 3) points, or None where nothing reaches to two sides."""
     low, high = point[:, 1].min(), point[:, 1].max()
     upper = point[point[:, 1] > low + 0.55 * (high - low)]
+    if not len(upper):  # flat
+        return None
     middle = np.median(upper, axis=0)
     flat = (upper - middle)[:, [0, 2]]
     reach = np.hypot(*flat.T)

@@ -4,13 +4,13 @@ The performer begins with the arms stretched sideways. The paper does not say ho
 that frame get their segments; here joints are read off the hull's shape, from published
 proportions where clothes hide them, and each voxel takes the bone it is nearest to. Whoever
 wants to places the joints by hand instead (`initial.json`). What a performer wears and how the
-legs stand are free; the arms have to show.
+legs stand are free; the arms have to show. The pose is held for some frames, which tell what the
+hull of one of them has lost.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cc3d
 import numpy as np
@@ -20,19 +20,22 @@ from scipy.spatial import KDTree
 from storage.errors import InputError
 from storage.schema import JOINTS
 from tasks.geometry.doubts import cut_off_at
-from tasks.geometry.initial_shape import Arms, measure_arms
-from tasks.geometry.initial_shape_joints import find_joints
+from tasks.geometry.held_hulls import (
+    OWN,
+    beyond_others,
+    farthest_lost,
+    frames_around,
+    held_crop,
+    pieces_of_body,
+)
+from tasks.geometry.initial_shape import Arms, measure_arms, missing_reach
+from tasks.geometry.initial_shape_joints import bones_inside, find_joints
 from tasks.geometry.initial_shape_labels import NEEDED, complete_joints, label_points
 from tasks.geometry.initial_shape_picture import draw_from
-from tasks.geometry.voxels import VoxelGrid, VoxelRuns, padded_crop, voxel_centers, voxel_index
+from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 _WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
-_CHAINS = (
-    ("Waist", "Neck", "Head"),
-    *(tuple(s + n for n in ("Shoulder", "Elbow", "Wrist", "Fin")) for s in "RL"),
-    *(tuple(s + n for n in ("Hip", "Knee", "Ankle")) for s in "RL"),
-)
-_TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above
+_CELL = 0.02  # how finely frames are compared, in heights: a finger's thickness
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,12 @@ class InitialModelSettings:
     least_inside: float = 0.75
     """Share of the bones' lengths that lies in the hull. Less is no body: 0.94 to 1 where the arms
     are stretched, 0.42 to 0.58 with a fan or an umbrella in the hand, or two people in one."""
+    held_s: float = 0.067
+    """Frames so much earlier and later tell what a frame has lost, at 30 Hz two of each: errors in
+    silhouettes come and go in that time, and who begins to dance moves by a few voxels."""
+    most_lost: float = 0.08
+    """A part that a frame has lost, to so far from what it has, counts against it; half as far does
+    hardly (0.94 of the score). In heights: of a hand, 0.108 long, three quarters."""
     second_person: float = 0.35
     """A second piece with so large a share of the first is another person, not a speck."""
 
@@ -77,7 +86,7 @@ class InitialModel:
     label: NDArray[np.uint8]
     """(voxel,) segment 1 to 11 of that frame's voxels, in order; 0 for specks off the body."""
     confidence: float
-    """0 to 1: how well the shape was what is expected of stretched arms."""
+    """0 to 1: how well the shape was what is expected of stretched arms, and how whole it was."""
     notes: tuple[str, ...]
     """What to know about it, a sentence each."""
 
@@ -89,7 +98,11 @@ class _Candidate:
     frame: int
     index: NDArray[np.int32]
     is_body: NDArray[np.bool_]
+    body: NDArray[np.int64]
+    """(voxel, 3) index of the person's voxels, with those put back that the frame has lost."""
     arms: Arms
+    lost: float
+    """How far from the frame's own voxels something is that it has lost, in heights."""
     score: float
 
 
@@ -102,7 +115,10 @@ def find_initial_model(
     stature_m: float | None = None,
     settings: InitialModelSettings | None = None,
 ) -> InitialModel:
-    """Return the joints and labels of the frame that shows stretched arms best.
+    """Return the joints and labels of the whole frame that shows stretched arms best.
+
+    Joints are measured with what the frames around it have and it has lost; labels are of its own
+    voxels.
 
     Parameters
     ----------
@@ -138,12 +154,16 @@ def find_initial_model(
     if surfaces is not None and best.frame < len(surfaces):
         index, color = surfaces[best.frame]
         colored = (voxel_centers(grid, index), color)
-    cells = best.index[best.is_body]
-    joints, sure, notes = find_joints(cells, best.arms, grid, colored, stature_m)
-    _refuse_what_is_no_body(best.frame, joints, voxel_centers(grid, cells), grid, settings)
+    joints, sure, notes = find_joints(best.body, best.arms, grid, colored, stature_m)
+    _refuse_what_is_no_body(best.frame, joints, voxel_centers(grid, best.body), grid, settings)
     label = np.zeros(len(best.index), np.uint8)
-    label[best.is_body] = label_points(voxel_centers(grid, cells), joints)
+    label[best.is_body] = label_points(voxel_centers(grid, best.index[best.is_body]), joints)
     position = np.array([joints.get(name, np.full(3, np.nan)) for name in JOINTS])
+    if best.lost > 0.5 * settings.most_lost:
+        notes.append(
+            "Parts of the body that other frames show are not in this frame's hull: what the "
+            "frames around it have was put back."
+        )
     confidence = float(np.clip(best.score * sure, 0.0, 1.0))
     return InitialModel(best.frame, position, label, confidence, tuple(notes))
 
@@ -250,40 +270,66 @@ def _best_frame(
     """Return the frame that shows stretched arms best, or say what was seen instead."""
     count = min(runs.frames, max(1, round(settings.search_s * rate_hz)))
     frames = np.unique(np.linspace(0, count - 1, min(settings.frames, count)).astype(int))
-    best, seen = None, {}
+    looked, seen = [], {}
     for frame in frames.tolist():
-        found = _look_at(runs, grid, frame, settings)
+        around = frames_around(frame, runs.frames, round(settings.held_s * rate_hz))
+        found = _look_at(runs, grid, frame, around, settings)
         if isinstance(found, str):
             seen.setdefault(found, frame)
-        elif best is None or found.score > best.score + 0.02:
-            best = found
-    if best is None:
+        else:
+            looked.append(found)
+    if not looked:
         what = "; ".join(f"in frame {frame} {text}" for text, frame in seen.items())
         raise InputError(
             f"no frame of the first {settings.search_s:g} s shows one whole person with stretched "
             f"arms: {what or 'there are no frames'}; {_WAY_OUT}"
         )
+    best, *others = _without_what_is_lost(looked, settings)
+    for found in others:
+        best = found if found.score > best.score + 0.02 else best
     return best
 
 
+def _without_what_is_lost(
+    looked: Sequence[_Candidate], settings: InitialModelSettings
+) -> list[_Candidate]:
+    """Return the frames with scores that count what each has lost, of the others' parts too."""
+    height = max(float(np.ptp(one.body[:, 1])) for one in looked)
+    lacks = beyond_others([one.body for one in looked], max(1, round(_CELL * height))) / height
+    lost = [max(one.lost, lack) for one, lack in zip(looked, lacks.tolist(), strict=True)]
+    return [
+        replace(one, lost=far, score=one.score * math.exp(-((far / settings.most_lost) ** 4)))
+        for one, far in zip(looked, lost, strict=True)
+    ]
+
+
 def _look_at(
-    runs: VoxelRuns, grid: VoxelGrid, frame: int, settings: InitialModelSettings
-) -> _Candidate | str:
+    runs: VoxelRuns, grid: VoxelGrid, frame: int, around: Sequence[int],
+    settings: InitialModelSettings,
+) -> _Candidate | str:  # fmt: skip
     """Return a frame with its arms, or what is wrong with it."""
     index = voxel_index(runs, frame)
     if len(index) < 500:
         return f"there are only {len(index)} voxels"
-    crop, begin = padded_crop(runs, frame)
-    pieces = np.asarray(cc3d.connected_components(crop, connectivity=26))
-    piece = pieces[tuple((index - begin).T)]
+    crop, begin = held_crop(runs, frame, around)
+    pieces = np.asarray(cc3d.connected_components(crop > 0, connectivity=26))
+    held = np.argwhere(crop)
+    piece = pieces[tuple(held.T)]
     sizes = np.sort(np.bincount(piece)[1:])[::-1]
     if len(sizes) > 1 and sizes[1] > settings.second_person * sizes[0]:
         return (
             f"there are two large pieces of {sizes[0]} and {sizes[1]} voxels, as of two people "
             "or of one that is torn apart (one person at a time can be digitized)"
         )
-    is_body = _belongs(index, piece, grid.voxel_m)
-    body = index[is_body]
+    keeps = pieces_of_body(held, piece, grid.voxel_m)
+    held = held[keeps[piece]]
+    is_own = crop[tuple(held.T)] == OWN
+    is_body = keeps[pieces[tuple((index - begin).T)]]
+    body = held + begin
+    height = max(float(np.ptp(body[:, 1])), 1.0) * grid.voxel_m
+    lost = farthest_lost(body, is_own) * grid.voxel_m / height
+    if lost <= _CELL:  # the flicker of a hull's surface
+        body = body[is_own]
     for axis, end in cut_off_at(body, grid.shape):
         return (
             f"the performer is partly outside the volume ({(body[:, axis] == end).sum()} voxels "
@@ -292,22 +338,14 @@ def _look_at(
         )
     point = voxel_centers(grid, body)
     arms = measure_arms(point, grid.voxel_m)
-    return _judge(frame, index, is_body, arms, float(np.ptp(point[:, 1])), settings)
-
-
-def _belongs(
-    index: NDArray[np.int32], piece: NDArray[np.integer], voxel_m: float
-) -> NDArray[np.bool_]:
-    """Return (voxel,) True for the largest piece and those above or below it, torn off."""
-    sizes = np.bincount(piece)
-    sizes[0] = 0
-    main = index[piece == np.argmax(sizes)]
-    margin = math.ceil(_TORN_M / voxel_m)
-    low, high = main.min(axis=0) - margin, main.max(axis=0) + margin
-    beside = ((index < low) | (index > high))[:, [0, 2]].any(axis=1)
-    apart = np.bincount(piece, weights=beside, minlength=len(sizes)) > 0
-    keeps = (sizes > 0.01 * sizes.max()) & ~apart
-    return keeps[piece]
+    if arms is None:
+        return f"nothing reaches to two sides of a performer {height:.2f} m high"
+    score = _judge(arms, height, settings)
+    if isinstance(score, str):
+        return score
+    if missing_reach(point, arms) > 1.0:
+        score *= 0.5
+    return _Candidate(frame, index, is_body, body, arms, lost, score)
 
 
 def _refuse_what_is_no_body(
@@ -318,7 +356,7 @@ def _refuse_what_is_no_body(
     settings: InitialModelSettings,
 ) -> None:
     """Refuse joints whose bones lie beside the voxels: something else was taken for the arms."""
-    share = _bones_inside(joints, point, grid.voxel_m)
+    share = bones_inside(joints, point, grid.voxel_m)
     if share < settings.least_inside:
         raise InputError(
             f"only {share:.0%} of the bones that were found in frame {frame} lie inside the hull, "
@@ -327,30 +365,12 @@ def _refuse_what_is_no_body(
         )
 
 
-def _bones_inside(
-    joints: Mapping[str, NDArray[np.float64]], point: NDArray[np.float64], voxel_m: float
-) -> float:
-    """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
-    along = np.linspace(0.0, 1.0, 12)[:, None]
-    pairs = [pair for chain in _CHAINS for pair in pairwise(chain)]
-    bones = [joints[a] + along * (joints[b] - joints[a]) for a, b in pairs]
-    return float((KDTree(point).query(np.concatenate(bones))[0] <= voxel_m).mean())
-
-
-def _judge(
-    frame: int,
-    index: NDArray[np.int32],
-    is_body: NDArray[np.bool_],
-    arms: Arms | None,
-    height: float,
-    settings: InitialModelSettings,
-) -> _Candidate | str:
-    """Return a frame whose arms are stretched with its score, or what they are instead."""
-    if arms is None or arms.half_span_m < settings.reach * height:
-        reach = 0.0 if arms is None else arms.half_span_m
+def _judge(arms: Arms, height: float, settings: InitialModelSettings) -> float | str:
+    """Return the score 0 to 1 of stretched arms, or what they are instead."""
+    if arms.half_span_m < settings.reach * height:
         return (
-            f"the arms reach {reach:.2f} m to each side of a performer {height:.2f} m high, where "
-            f"{settings.reach * height:.2f} m or more are wanted"
+            f"the arms reach {arms.half_span_m:.2f} m to each side of a performer {height:.2f} m "
+            f"high, where {settings.reach * height:.2f} m or more are wanted"
         )
     if arms.rough_m > 0.1 * arms.half_span_m:
         return "no straight line of an arm shows on both sides"
@@ -360,7 +380,7 @@ def _judge(
     straight = 1.0 - 0.5 * arms.slope / settings.steepest
     smooth = math.exp(-0.5 * (arms.rough_m / (0.03 * arms.half_span_m)) ** 2)
     shown = min(1.0, 0.5 + arms.thin)
-    return _Candidate(frame, index, is_body, arms, straight * (0.3 + 0.7 * smooth) * shown)
+    return straight * (0.3 + 0.7 * smooth) * shown
 
 
 def draw_initial_model(model: InitialModel, runs: VoxelRuns, grid: VoxelGrid) -> NDArray[np.uint8]:

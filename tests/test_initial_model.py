@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -158,6 +160,11 @@ def test_nobody_and_two_people_are_said(figure):
         find_initial_model(runs_of(np.zeros(GRID.shape, bool)), GRID, 30.0)
     narrow = np.zeros(GRID.shape, bool)
     narrow[20:28, :80, 30:40] = narrow[90:98, :80, 100:110] = True
+    pole, flat = np.zeros((2, *GRID.shape), bool)
+    pole[20:23, :90, 30:33] = flat[20:60, :1, 30:60] = True
+    for shape, high in ((pole, "1\\.78"), (flat, "0\\.02")):
+        with pytest.raises(InputError, match=f"reaches to two sides of a performer {high} m high"):
+            find_initial_model(runs_of(shape), GRID, 30.0)
     with pytest.raises(InputError, match="two large pieces of 6400 and 6400 voxels"):
         find_initial_model(runs_of(narrow), GRID, 30.0)
 
@@ -221,6 +228,83 @@ def test_an_arm_that_is_cut_short_does_not_move_the_trunk(stretched):
     error = {name: off[JOINTS.index(name)] for name in ("Neck", "RShoulder", "LShoulder")}
     assert max(error.values()) < 45, error
     assert found.position[JOINTS.index("LFin")] @ outward < at["LWrist"] @ outward
+
+
+def without(figure, part, more_m=0.0):
+    """Return the voxels of a figure without what is beyond a joint, seen from the one before."""
+    before, joint = (figure.joints[JOINTS.index(name)] for name in part)
+    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
+    beyond = (center - joint) @ (joint - before) > -more_m * np.linalg.norm(joint - before)
+    near = np.linalg.norm(center - joint, axis=-1) < 0.6
+    cut = figure.occupied & beyond & near
+    other = figure.joints[JOINTS.index("LR"[part[1][0] == "L"] + part[1][1:])]
+    cut &= np.linalg.norm(center - joint, axis=-1) < np.linalg.norm(center - other, axis=-1)
+    assert cut.sum() > 50
+    return figure.occupied & ~cut
+
+
+FOOT, HAND = ("RKnee", "RAnkle"), ("LElbow", "LWrist")
+
+
+@pytest.mark.parametrize("part", [FOOT, HAND], ids=["foot", "hand"])
+@pytest.mark.parametrize("first", [0, 5])
+def test_a_whole_frame_is_chosen(stretched, part, first):
+    """All frames but three, which are next to each other, have lost the same part."""
+    figure = figure_of(stretched, "fitting")
+    cut = without(figure, part)
+    whole = (first, first + 1, first + 2)
+    frames = [figure.occupied if number in whole else cut for number in range(8)]
+    model = find_initial_model(runs_of(*frames), GRID, 15.0, surfaces=figure.surfaces * 8)
+    assert model.frame in whole
+    assert len(model.label) == figure.occupied.sum()
+    same = find_initial_model(runs_of(figure.occupied), GRID, 15.0, surfaces=figure.surfaces)
+    np.testing.assert_allclose(model.position, same.position, atol=1e-9)
+    assert model.confidence == pytest.approx(same.confidence)
+
+
+def test_what_each_frame_has_lost_is_put_back_from_the_others(figure, found):
+    """Every frame has lost something, each time something else."""
+    parts = (FOOT, HAND, ("LKnee", "LAnkle"), ("RElbow", "RWrist"))
+    frames = [without(figure, parts[number % 4]) for number in range(12)]
+    runs = runs_of(*frames)
+    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces * 12)
+    np.testing.assert_allclose(model.position, found.position, atol=1e-9)
+    assert len(model.label) == frames[model.frame].sum()
+    assert model.confidence < found.confidence
+    assert any("what the frames around it have was put back" in note for note in model.notes)
+    assert not any("put back" in note for note in found.notes)
+
+
+def test_frames_too_far_apart_put_nothing_back(stretched):
+    """Of three frames a third of a second apart two show another pose."""
+    danced = generate_performance([freely(3)], TK, rate_hz=3.0).position
+    other = figure_of(danced[4] - danced[4].mean(axis=0) * [1, 0, 1], "fitting").occupied
+    figure = figure_of(stretched, "fitting")
+    runs = runs_of(other, figure.occupied, other)
+    model = find_initial_model(runs, GRID, 3.0, surfaces=figure.surfaces * 3)
+    alone = find_initial_model(runs_of(figure.occupied), GRID, 3.0, surfaces=figure.surfaces)
+    np.testing.assert_array_equal(model.position, alone.position)
+    assert model.confidence == alone.confidence
+
+
+def test_specks_off_the_body_have_no_label(figure, found):
+    specks = np.zeros(GRID.shape, bool)
+    specks[30:33, 70:74, 120:125] = specks[100:103, 2:5, 20:26] = True
+    specks &= ~figure.occupied
+    runs = runs_of(figure.occupied | specks)
+    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces)
+    np.testing.assert_array_equal(model.label == 0, specks[figure.occupied | specks])
+    np.testing.assert_array_equal(model.position, found.position)
+    assert (model.label == 0).sum() > 80
+
+
+def test_a_leg_whose_end_no_frame_has_is_said(stretched):
+    figure = figure_of(stretched, "fitting")
+    frames = [without(figure, FOOT, 0.1)] * 4
+    model = find_initial_model(runs_of(*frames), GRID, 30.0, surfaces=figure.surfaces * 4)
+    assert any(re.match(r"One foot is 0\.\d\d m above the other", note) for note in model.notes)
+    whole = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+    assert not any("One foot" in note for note in whole.notes)
 
 
 def test_joints_alone_label_as_the_search_does(figure, found):

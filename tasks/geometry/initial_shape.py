@@ -103,6 +103,8 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     """Return the arms of (voxel, 3) points, or None where nothing reaches to two sides."""
     low, high = point[:, 1].min(), point[:, 1].max()
     upper = point[point[:, 1] > low + 0.55 * (high - low)]
+    if not len(upper):  # flat
+        return None
     middle = np.median(upper, axis=0)
     flat = (upper - middle)[:, [0, 2]]
     reach = np.hypot(*flat.T)
@@ -224,6 +226,13 @@ def reach_of_head(point: Points, arms: Arms) -> float:
     near = (abs(aside) < 0.2 * arms.half_span_m) & (abs(ahead) < 0.35 * arms.half_span_m)
     above = float(point[near, 1].max() - arms.middle[1]) if near.any() else 0.0
     return arms.half_span_m / max(above, 1e-6)
+
+
+def missing_reach(point: Points, arms: Arms) -> float:
+    """Return how many times as long half the span is with hands that the hull has lost; or 1."""
+    reach = reach_of_head(point, arms)
+    longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
+    return longer if arms.has_hands else max(longer, 1.0 / SLEEVE_REACH)
 
 
 def lengthen_arms(arms: Arms, half_span_m: float) -> Arms:

@@ -1,26 +1,26 @@
 """Put the joints of a body together from its arms, trunk and legs."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from tasks.geometry.initial_shape import (
     FOREARM_SHARE,
     HIP_SHARE,
-    LEAST_REACH,
     SHOULDER_SHARE,
-    SLEEVE_REACH,
     UPPER_ARM_SHARE,
-    USUAL_REACH,
     Arms,
     Trunk,
     lengthen_arms,
     measure_trunk,
-    reach_of_head,
+    missing_reach,
     vote_facing,
 )
 from tasks.geometry.initial_shape_legs import (
+    ANKLE_HEIGHT,
     Depths,
     Leg,
     find_feet,
@@ -31,6 +31,11 @@ from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 Points = NDArray[np.float64]
 
+_CHAINS = (
+    ("Waist", "Neck", "Head"),
+    *(tuple(s + n for n in ("Shoulder", "Elbow", "Wrist", "Fin")) for s in "RL"),
+    *(tuple(s + n for n in ("Hip", "Knee", "Ankle")) for s in "RL"),
+)
 _CROSSED = 6.0  # legs fit so much worse that stand as their feet do: they are crossed
 
 
@@ -61,17 +66,13 @@ def find_joints(
     joints : dict of (3,) float64
         Metres, by the names of the archive, all 21.
     sure : float
-        0 to 1: how clear the facing is and how much of the bones lies inside the hull, halved
-        where hands were put in.
+        0 to 1: how clear the facing is and how much of the bones lies inside the hull.
     notes : list of str
         A sentence each.
     """
     notes = ["Wrists, waist and hips were placed by the proportions of a body."]
     point = voxel_centers(grid, cells)
-    reach = reach_of_head(point, arms)
-    longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
-    if not arms.has_hands:
-        longer = max(longer, 1.0 / SLEEVE_REACH)
+    longer = missing_reach(point, arms)
     if longer > 1.0:
         arms = lengthen_arms(arms, arms.half_span_m * longer)
         notes.append("The hull has lost the hands: elbows to finger tips are a guess.")
@@ -93,10 +94,16 @@ def find_joints(
     crop[tuple((cells - begin).T)] = 1
     depths = measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
     joints |= _place_legs(feet, arms, trunk, depths)
+    raised = abs(float(joints["RHeel"][1] - joints["LHeel"][1]))
+    if raised > ANKLE_HEIGHT * trunk.stature_m:
+        notes.append(
+            f"One foot is {raised:.2f} m above the other: look at the picture whether the leg is "
+            "lifted or the hull has lost its end."
+        )
     inside = _share_inside(joints, depths)
     if inside < 0.9:
         notes.append(f"Only {inside:.0%} of the bones lie inside the hull: look at the picture.")
-    sure = min(1.0, 2.0 * abs(vote)) * inside**2 * (1.0 if longer == 1.0 else 0.5)
+    sure = min(1.0, 2.0 * abs(vote)) * inside**2
     return joints, sure, notes
 
 
@@ -132,6 +139,14 @@ def _share_inside(joints: dict[str, Points], depths: Depths) -> float:
         pairs += [(side + a, side + b) for a, b in pairwise(("Hip", "Knee", "Ankle"))]
     bones = [joints[a] + part * (joints[b] - joints[a]) for a, b in pairs]
     return float((depths.at(np.concatenate(bones)) > 0).mean())
+
+
+def bones_inside(joints: Mapping[str, Points], point: Points, voxel_m: float) -> float:
+    """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
+    along = np.linspace(0.0, 1.0, 12)[:, None]
+    pairs = [pair for chain in _CHAINS for pair in pairwise(chain)]
+    bones = [joints[a] + along * (joints[b] - joints[a]) for a, b in pairs]
+    return float((KDTree(point).query(np.concatenate(bones))[0] <= voxel_m).mean())
 
 
 def _place_arms(arms: Arms, trunk: Trunk) -> dict[str, Points]:

@@ -361,7 +361,8 @@ def test_wrong_arguments_are_named(figure):
 @pytest.mark.data
 @pytest.mark.compiled
 @pytest.mark.parametrize(
-    ("name", "mean_mm", "accuracy"), [("plain", 25, 0.92), ("kimono", 30, 0.92)]
+    ("name", "mean_mm", "accuracy"),
+    [("plain", 25, 0.92), ("kimono", 30, 0.92), ("martial", 24, 0.92)],
 )
 def test_the_shared_captures_begin_with_a_good_model(shared_data, name, mean_mm, accuracy):
     capture = read_capture(shared_data / "captures" / name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.geometry.initial_shape import measure_arms
+from tasks.geometry.initial_shape import Trunk, lift_hips, measure_arms
 from tasks.geometry.initial_shape_labels import complete_joints, label_points
 from tasks.geometry.voxels import voxel_centers
 from tests.initial_figures import GRID, VOXEL, about_y, figure_of, stretched_body, with_arms
@@ -41,3 +41,29 @@ def test_labels_follow_groins_and_hanging_sleeves(stretched):
     }
     label = label_points(np.array(list(cases.values())), complete_joints(joints))
     assert label.tolist() == list(cases)
+
+
+def trunk_of(stature_m):
+    """Return an upright trunk whose hips are where proportions have them, 0.505 up."""
+    up = np.array([0.0, stature_m, 0.0])
+    return Trunk(up, 0.85 * up, 0.66 * up, 0.505 * up, stature_m)
+
+
+@pytest.mark.parametrize("stature_m", [1.1, 1.8])
+def test_hips_come_nearer_to_what_the_fork_of_the_legs_says(stature_m):
+    trunk = trunk_of(stature_m)
+    for fork, moved in ((0.43, 0.0), (0.47, 0.04 * 100 / 136), (0.40, -0.03 / 2)):  # of variances
+        lifted = lift_hips(trunk, fork * stature_m)
+        assert lifted.hips[1] / stature_m == pytest.approx(0.505 + moved)
+        assert (lifted.hips[[0, 2]] == 0).all()
+        np.testing.assert_allclose(
+            lifted.waist, trunk.neck + 0.56 * (lifted.hips - trunk.neck), atol=1e-12
+        )
+        assert lifted.neck is trunk.neck
+        assert lifted.head is trunk.head
+
+
+@pytest.mark.parametrize("fork", [None, 0.05, 0.37, 0.51])
+def test_a_hem_or_no_fork_leaves_the_hips(fork):
+    trunk = trunk_of(1.7)
+    assert lift_hips(trunk, fork and fork * 1.7) is trunk

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.initial_shape_legs import measure_depths, measure_leg
+from tasks.geometry.initial_shape_legs import find_feet, find_fork, measure_depths, measure_leg
 
 ORIGIN = np.array([-0.5, 0.01, -0.5])
 CENTER = np.stack(np.meshgrid(*(np.arange(100),) * 3, indexing="ij"), -1) * 0.01 + ORIGIN
@@ -70,3 +70,49 @@ def test_a_foot_that_is_turned_in_is_rather_the_other_one():
         return sum(leg_of(hull, feet[way[n]], hips[n], inward[n]).cost for n in range(2))
 
     assert cost((0, 1)) + 6 < cost((1, 0))
+
+
+def standing(*, fork, legs=((-0.12, 0.1), (0.12, 0.1)), hem=None):
+    """Return cells, centers and feet of a trunk on legs, which meet at cells of the height `fork`.
+
+    legs: middle to the left, and half its width, of each; hem: the height a skirt hangs to.
+    """
+    cells = np.argwhere(np.ones((60, 100, 30), bool))
+    x, height = (cells[:, 0] - 29.5) * 0.01, cells[:, 1]
+    body = np.zeros(len(cells), bool)
+    for middle, half in legs:
+        body |= abs(x - middle) < half
+    body |= height >= fork
+    body |= (height >= hem) if hem is not None else False
+    cells = cells[body] + (3, 7, 5)
+    point = ORIGIN + cells * 0.01
+    hips = point.mean(axis=0) * [1, 0, 1] + [0, 0.5, 0]
+    return cells, point, find_feet(point, LEFT, hips, 1.0, 0.01)
+
+
+@pytest.mark.parametrize(("fork", "hem"), [(44, None), (61, None), (44, 21)])
+def test_legs_fork_where_cells_join_them(fork, hem):
+    cells, point, feet = standing(fork=fork, hem=hem)
+    lowest = fork if hem is None else hem
+    assert find_fork(cells, point, feet) == pytest.approx(0.01 * lowest)
+
+
+def test_a_hand_between_two_legs_does_not_join_them_but_where_it_touches():
+    cells, point, feet = standing(fork=44)
+    between = np.array([(32, 7 + z, 20) for z in range(20, 30)])
+    cells, point = np.vstack([cells, between]), np.vstack([point, ORIGIN + between * 0.01])
+    assert find_fork(cells, point, feet) == pytest.approx(0.44)
+    edges = np.array([(3 + x, 27 + x % 2, 20) for x in range(22, 38)])  # cells that share no face
+    cells, point = np.vstack([cells, edges]), np.vstack([point, ORIGIN + edges * 0.01])
+    assert find_fork(cells, point, feet) == pytest.approx(0.44)
+    bridge = np.array([(3 + x, 32, 20) for x in range(60)])
+    bridge = np.array([cell for cell in bridge if not (cells == cell).all(axis=1).any()])
+    cells, point = np.vstack([cells, bridge]), np.vstack([point, ORIGIN + bridge * 0.01])
+    assert find_fork(cells, point, feet) == pytest.approx(0.25)
+
+
+def test_one_foot_and_legs_that_never_meet_have_no_fork():
+    cells, point, feet = standing(fork=44)
+    assert find_fork(cells, point, feet[:1]) is None
+    cells, point, feet = standing(fork=1000)
+    assert find_fork(cells, point, feet) is None

@@ -15,6 +15,7 @@ from tasks.geometry.initial_shape import (
     Arms,
     Trunk,
     lengthen_arms,
+    lift_hips,
     measure_trunk,
     missing_reach,
     vote_facing,
@@ -24,6 +25,7 @@ from tasks.geometry.initial_shape_legs import (
     Depths,
     Leg,
     find_feet,
+    find_fork,
     measure_depths,
     measure_leg,
 )
@@ -78,6 +80,7 @@ def find_joints(
         notes.append("The hull has lost the hands: elbows to finger tips are a guess.")
     trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
     feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
+    trunk = lift_hips(trunk, find_fork(cells, point, feet))
     vote, witnesses = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
     if vote < 0:
         arms, feet = arms.turned(), feet[::-1]

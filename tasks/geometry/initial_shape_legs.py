@@ -5,6 +5,7 @@ the body's proportions, from the hip to the ankle, lie deepest inside the hull. 
 metres with y up.
 """
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import cc3d
@@ -93,6 +94,40 @@ def find_feet(
         return [near]
     cut = (aside.min() + aside.max()) / 2.0
     return [near[aside < cut], near[aside >= cut]]
+
+
+def find_fork(cells: NDArray[np.integer], point: Points, feet: list[Points]) -> float | None:
+    """Return the height above the floor at which two legs meet, m; None where feet are not two.
+
+    What is lower holds the two feet in pieces that share no face.
+
+    Parameters
+    ----------
+    cells : (voxel, 3) int
+        Index of the person's voxels in the grid.
+    point : (voxel, 3) float64
+        Their centers.
+    feet
+        As `find_feet` returned them.
+    """
+    if len(feet) < 2:
+        return None
+    first = [np.linalg.norm(point - foot[0], axis=1).argmin() for foot in feet]
+    height = cells[:, 1] - cells[:, 1].min()
+    crop = np.zeros(np.ptp(cells, axis=0) + 1, np.uint8)
+    own = tuple((cells - cells.min(axis=0)).T)
+
+    def meet(top: int) -> bool:
+        crop[own] = height <= top
+        piece = np.asarray(cc3d.connected_components(crop, connectivity=6))[own]
+        return bool(piece[first[0]] == piece[first[1]] != 0)
+
+    levels = range(int(height[first].max()), int(height.max()) + 1)
+    fork = bisect_left(levels, True, key=meet)
+    if fork == len(levels):
+        return None
+    met = height == levels[fork]
+    return float(point[met, 1][0] - point[:, 1].min())
 
 
 def _two_pieces(point: Points, voxel_m: float) -> list[Points] | None:

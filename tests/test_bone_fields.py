@@ -179,7 +179,7 @@ def test_the_trunk_is_parted_where_anatomy_parts_it():
     label = label_points(center, whole)
     middle = np.hypot(center[:, 0], center[:, 2]) < 0.05
     top = center[:, 1]
-    ribs = 0.87 + 0.315 * (1.7 - 0.87)
+    ribs = 1.7 - 0.336 * body_size(whole)
     np.testing.assert_array_equal(
         label[middle & (top > 1.0)] == 3, top[middle & (top > 1.0)] < ribs
     )

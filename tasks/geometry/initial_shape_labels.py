@@ -34,10 +34,10 @@ GROIN_RISE = 0.9
 """How far the border of waist and leg rises, to the outside, as tangent: along the groin."""
 FLATNESS = 0.70
 """Depth of a trunk over its width."""
-WAIST_RISE = 0.315
-"""Height of the border of waist and body, as a share of that from the hips to the top of the head:
-where the ribs end, midway between xiphion and omphalion, 0.664 of the stature, with the hips at
-0.5095 (means of women and men, De Leva 1996)."""
+RIBS_BELOW_TOP = 0.336
+"""From the top of the head to the border of body and waist, in statures: where the ribs end, midway
+between xiphion and omphalion (means of women and men, De Leva 1996). Told from the hips, which are
+at 0.51 in that table, the border would be off by a third of what a body's legs are longer."""
 NECK_REACH, SHOULDER_REACH = 0.12, 0.10
 """How far from its joint the plane that parts the head, an arm, holds: half the breadth of the
 shoulders, the length from the shoulder to the armpit and some cloth; statures."""
@@ -167,7 +167,8 @@ def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.ui
     """
     up = _unit(places["Waist"] - places["Hips"])
     across = _unit(places["LHip"] - places["RHip"])
-    ribs = places["Hips"] + WAIST_RISE * ((places["Head"] - places["Hips"]) @ up) * up
+    ribs = places["Hips"] + ((places["Head"] - places["Hips"]) @ up) * up
+    ribs -= RIBS_BELOW_TOP * body_size(places) * up
     above = (point - ribs) @ (up + _unit(places["Neck"] - places["Waist"])) >= 0
     label[(label == 3) & above] = 2
     label[(label == 2) & ~above] = 3

@@ -62,10 +62,9 @@ class FitSettings:
 
 # Head, body, waist, then arms and legs (upper, lower, right before left), hands and feet: heavy
 # bones carry on, and the spine bends less than limbs turn. An arm before the trunk may show
-# nowhere for a second: it goes on as it was, and its hand stays bent, where a stronger rest would
-# stretch both again; what is left of it only keeps their twist from wandering.
+# nowhere for a second: it goes on as it was, where rest would stretch it out to the side again.
 _FORESEEN = np.array([0.5, 2, 4, 2, 1.4, 2, 1.4, 1, 0.7, 1, 0.7, 2, 2, 1, 1])
-_REST = np.array([3, 12, 20, 0.02, 0.02, 0.02, 0.02, 0.6, 0.4, 0.6, 0.4, 1, 1, 6, 6])
+_REST = np.array([3, 12, 20, 0, 0, 0, 0, 0.6, 0.4, 0.6, 0.4, 1, 1, 6, 6])
 _ROOT_STAYS = 0.3  # information of the foreseen place of the root, per m**2: next to none
 
 

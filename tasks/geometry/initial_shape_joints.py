@@ -72,7 +72,10 @@ def find_joints(
     notes : list of str
         A sentence each.
     """
-    notes = ["Wrists, waist and hips were placed by the proportions of a body."]
+    notes = [
+        "Wrists, waist and hips were placed by the proportions of a body, hips by where the legs "
+        "meet, too, where that shows."
+    ]
     point = voxel_centers(grid, cells)
     longer = missing_reach(point, arms)
     if longer > 1.0:
@@ -132,24 +135,21 @@ def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) ->
     return joints
 
 
-def _share_inside(joints: dict[str, Points], depths: Depths) -> float:
+def _share_inside(joints: Mapping[str, Points], depths: Depths) -> float:
     """Return the share of the bones' lengths that lies inside the hull."""
-    part = np.linspace(0.0, 1.0, 12)[:, None]
-    pairs = [("Neck", "Head"), ("Neck", "Waist")]
-    for side in "RL":
-        chain = ("Shoulder", "Elbow", "Wrist", "Fin")
-        pairs += [(side + a, side + b) for a, b in pairwise(chain)]
-        pairs += [(side + a, side + b) for a, b in pairwise(("Hip", "Knee", "Ankle"))]
-    bones = [joints[a] + part * (joints[b] - joints[a]) for a, b in pairs]
-    return float((depths.at(np.concatenate(bones)) > 0).mean())
+    return float((depths.at(_along_bones(joints)) > 0).mean())
 
 
 def bones_inside(joints: Mapping[str, Points], point: Points, voxel_m: float) -> float:
     """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
-    along = np.linspace(0.0, 1.0, 12)[:, None]
+    return float((KDTree(point).query(_along_bones(joints))[0] <= voxel_m).mean())
+
+
+def _along_bones(joints: Mapping[str, Points]) -> Points:
+    """Return points (12 a bone, 3) evenly along the bones."""
+    part = np.linspace(0.0, 1.0, 12)[:, None]
     pairs = [pair for chain in _CHAINS for pair in pairwise(chain)]
-    bones = [joints[a] + along * (joints[b] - joints[a]) for a, b in pairs]
-    return float((KDTree(point).query(np.concatenate(bones))[0] <= voxel_m).mean())
+    return np.concatenate([joints[a] + part * (joints[b] - joints[a]) for a, b in pairs])
 
 
 def _place_arms(arms: Arms, trunk: Trunk) -> dict[str, Points]:

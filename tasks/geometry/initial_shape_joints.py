@@ -18,8 +18,8 @@ from tasks.geometry.initial_shape import (
     lift_hips,
     measure_trunk,
     missing_reach,
-    vote_facing,
 )
+from tasks.geometry.initial_shape_facing import vote_facing
 from tasks.geometry.initial_shape_legs import (
     ANKLE_HEIGHT,
     Depths,

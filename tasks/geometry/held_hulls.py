@@ -96,7 +96,8 @@ def farthest_lost(body: NDArray[np.integer], is_own: NDArray[np.bool_]) -> float
         return 0.0
     if not is_own.any():
         return math.inf
-    return float(KDTree(body[is_own]).query(body[~is_own])[0].max())
+    tree = KDTree(body[is_own], compact_nodes=False, balanced_tree=False)  # asked a few times only
+    return float(tree.query(body[~is_own])[0].max())
 
 
 def beyond_others(bodies: Sequence[NDArray[np.integer]], cell: int) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ labels the voxels of a frame is then known for every frame, so labels are made b
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +26,7 @@ from tasks.capture_films import grid_of
 from tasks.final_labeling import label_frame, make_body_fields
 from tasks.geometry.articulated import place_bones
 from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
-from tasks.geometry.bone_fields import BoneFields, carry_back
+from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
 from tasks.geometry.initial_shape_labels import complete_joints, label_points
 from tasks.geometry.skin import SurfaceFrame
@@ -251,28 +250,22 @@ def _fit_jointly(
     seen: Extremities, settings: PosingSettings,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
-
-    def make_fields() -> BoneFields:
-        index = frames.index(initial_frame)
-        center = voxel_centers(frames.grid, index)
-        joints = dict(zip(JOINTS, start["position"], strict=True))
-        label = _labels_to_carry(source.initial, center, start["label"], joints)
-        return make_body_fields(index, center, label, joints, frames.grid.voxel_m)
-
-    with ThreadPoolExecutor(1) as beside:  # one frame is fitted after the other
-        making = beside.submit(make_fields)
-        fitted = fit_poses(
-            _Hulls(frames),
-            frames.grid,
-            source.fps,
-            start["position"],
-            start["label"],
-            initial_frame=initial_frame,
-            surfaces=frames.surface,
-            settings=settings.joint,
-            **cues_of(seen),
-        )
-        fields = making.result()
+    fitted = fit_poses(
+        _Hulls(frames),
+        frames.grid,
+        source.fps,
+        start["position"],
+        start["label"],
+        initial_frame=initial_frame,
+        surfaces=frames.surface,
+        settings=settings.joint,
+        **cues_of(seen),
+    )
+    index = frames.index(initial_frame)
+    center = voxel_centers(frames.grid, index)
+    joints = _joints_to_cut_at(start["position"], fitted.initial)
+    label = _labels_to_carry(source.initial, center, start["label"], joints)
+    fields = make_body_fields(index, center, label, joints, frames.grid.voxel_m)
     _, axes = local_systems(fitted.initial)
     turn, shift = carry_back(
         np.stack([place_bones(pose, fitted.model.origin) for pose in fitted.poses]),
@@ -295,6 +288,18 @@ def _fit_jointly(
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
+
+
+def _joints_to_cut_at(
+    found: NDArray[np.floating], moved: NDArray[np.floating]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the joints of the initial frame between which its voxels are labeled to be carried.
+
+    Knees, elbows and the others are where bones were seen to turn. Not so the hips: thighs part
+    from the trunk where legs meet, which the hull shows.
+    """
+    joints = dict(zip(JOINTS, moved, strict=True))
+    return joints | {name: found[JOINTS.index(name)] for name in ("RHip", "LHip")}
 
 
 def _labels_to_carry(

@@ -5,8 +5,8 @@ writes that it lost a foot and an arm for good. Here all segments, what hangs fr
 them, and a class for what is nobody's are fitted at once, by places and by colors; a limb that
 lost its voxels is looked for where its hand or foot was seen; the take is fitted forwards and
 backwards, and each limb is taken, frame by frame, from the fit that explains more; joints are
-moved to where the bones of all frames turn; at last every frame is fitted once more, near what
-its neighbors say.
+moved to where the bones of all frames turn; at last every frame is fitted again, near what its
+neighbors say.
 """
 
 import logging
@@ -157,10 +157,11 @@ def fit_poses(
         take = look_for_hands(take, first, hand_ends)
     again = follow(take, range(len(hulls) - 1, -1, -1), first[-1].pose)[::-1]
     merged = merge(take, first, again)
-    for _ in range(settings.joint_rounds):
-        take = replace(take, model=settle_centers(take, merged))
-        merged = [fit.pose for fit in settle(take, merged)]
-    fits, unsure = tell_sides(take, settle(take, merged))
+    take = replace(take, model=settle_centers(take, merged))
+    fits = settle(take, merged)
+    for _ in range(settings.settle_rounds - 1):
+        fits = settle(take, [fit.pose for fit in fits])
+    fits, unsure = tell_sides(take, fits)
     return _describe(take, fits, unsure, position, model.origin)
 
 

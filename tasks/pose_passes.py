@@ -103,11 +103,14 @@ class PoseSettings:
     alike: float = 0.02
     """Fits of a limb that are nearer than this to each other are taken for one."""
 
-    joint_rounds: int = 3
-    """How often joints are settled between fits."""
+    joint_rounds: int = 6
+    """How often joints and the poses that they are told by are found in turn."""
 
-    joint_frames: int = 60
-    """Frames that settle the joints, evenly from the take."""
+    joint_frames: int = 40
+    """Frames that tell the joints, evenly from the take."""
+
+    settle_rounds: int = 3
+    """How often all frames are fitted again, near their neighbors, with the joints found."""
 
     smoothing: float = 0.5
     """How much the two neighbors of a frame weigh together against the frame itself."""
@@ -294,29 +297,33 @@ def settle(take: Fitting, poses: Sequence[Pose]) -> list[Fit]:
         around = [poses[max(t - 1, 0)], poses[t], poses[min(t + 1, last)]]
         return blend(around, weights, poses[t])
 
-    def settle(t: int) -> Fit:
-        sample, ahead = take.sample(t), near(poses, t)
-        if not sample.count:
-            return Fit(ahead, 0.0, np.zeros(len(BONES)))
-        return fit_frame(
-            take.model,
-            sample,
-            ahead,
-            ahead,
-            take.targets(t),
-            settings=take.settings.fit,
-            steps=3,
-            widening=1.0,
-        )
-
-    fits = side_by_side(settle, range(len(poses)))
+    fits = side_by_side(lambda t: _refit(take, t, near(poses, t)), range(len(poses)))
     settled = [fit.pose for fit in fits]
     return [replace(fit, pose=near(settled, t)) for t, fit in enumerate(fits)]
 
 
 def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
-    """Return the body with its joints where a take's frames have their centers of rotation."""
+    """Return the body with its joints where a take's frames have their centers of rotation.
+
+    Some frames say it: their poses and the joints are found in turn.
+    """
     step = max(1, len(poses) // take.settings.joint_frames)
-    frames = [t for t in range(0, len(poses), step)]
-    samples = ((take.sample(t), poses[t]) for t in frames)
-    return settle_joints(take.model, ((s, p) for s, p in samples if s.count), take.settings.fit)
+    frames = [t for t in range(0, len(poses), step) if len(take.samples[t][0])]
+    settled = [poses[t] for t in frames]
+    for _ in range(take.settings.joint_rounds):
+        seen = ((take.sample(t), pose) for t, pose in zip(frames, settled, strict=True))
+        take = replace(take, model=settle_joints(take.model, seen, take.settings.fit))
+        pairs = list(zip(frames, settled, strict=True))
+        settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
+    return take.model
+
+
+def _refit(take: Fitting, frame: int, pose: Pose) -> Fit:
+    """Return the fit of a frame near a pose that is nearly right; the pose where it is empty."""
+    sample = take.sample(frame)
+    if not sample.count:
+        return Fit(pose, 0.0, np.zeros(len(BONES)))
+    targets, settings = take.targets(frame), take.settings.fit
+    return fit_frame(
+        take.model, sample, pose, pose, targets, settings=settings, steps=3, widening=1.0
+    )

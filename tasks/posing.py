@@ -263,7 +263,7 @@ def _fit_jointly(
     )
     index = frames.index(initial_frame)
     center = voxel_centers(frames.grid, index)
-    joints = _joints_to_cut_at(start["position"], fitted.initial)
+    joints = dict(zip(JOINTS, fitted.initial, strict=True))  # where bones were seen to turn
     label = _labels_to_carry(source.initial, center, start["label"], joints)
     fields = make_body_fields(index, center, label, joints, frames.grid.voxel_m)
     _, axes = local_systems(fitted.initial)
@@ -288,18 +288,6 @@ def _fit_jointly(
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
-
-
-def _joints_to_cut_at(
-    found: NDArray[np.floating], moved: NDArray[np.floating]
-) -> dict[str, NDArray[np.float64]]:
-    """Return the joints of the initial frame between which its voxels are labeled to be carried.
-
-    Knees, elbows and the others are where bones were seen to turn. Not so the hips: thighs part
-    from the trunk where legs meet, which the hull shows.
-    """
-    joints = dict(zip(JOINTS, moved, strict=True))
-    return joints | {name: found[JOINTS.index(name)] for name in ("RHip", "LHip")}
 
 
 def _labels_to_carry(

@@ -119,6 +119,18 @@ def test_a_waving_figure_is_followed_through_an_empty_frame(waving):
     assert (nearest == label).mean() > 0.9
 
 
+@pytest.mark.slow
+def test_elbows_that_were_placed_wrong_are_found_where_forearms_turn(waving):
+    runs, position, figures = waving
+    wrong = position[0].copy()
+    elbows = [JOINTS.index(name) for name in ("RElbow", "LElbow")]
+    hips = [JOINTS.index(name) for name in ("RHip", "LHip")]
+    wrong[elbows, 0] += [0.04, -0.04]  # up the arms
+    fitted = fit_poses(hulls_of(runs), GRID, 30.0, wrong, figures[0][2])
+    assert np.linalg.norm(fitted.initial - position[0], axis=1)[elbows].max() < 0.02
+    np.testing.assert_array_equal(fitted.initial[hips], position[0][hips])
+
+
 def test_cloth_that_hangs_from_an_arm_stays_below_it(waving):
     _, _, figures = waving
     joints, occupied, label = figures[0]

@@ -9,7 +9,7 @@ import pytest
 from storage.errors import InputError
 from storage.schema import JOINTS
 from tasks.initial_model import InitialModel
-from tasks.posing import _check_measurable, _joints_to_cut_at, _labels_to_carry
+from tasks.posing import _check_measurable, _labels_to_carry
 from tests.box_frames import Frames
 from tests.conftest import swaying_body
 
@@ -40,13 +40,3 @@ def test_labels_that_a_person_gave_are_carried_as_they_are(monkeypatch):
         )
         found = _labels_to_carry(Path("initial.json"), center, label, joints)
         assert found.tolist() == carried
-
-
-def test_voxels_are_labeled_between_the_joints_that_bones_turn_about_but_for_the_hips():
-    found = swaying_body(1, 1)[0]
-    moved = found + np.arange(1, 64).reshape(21, 3) / 1000
-    joints = _joints_to_cut_at(found, moved)
-    assert list(joints) == list(JOINTS)
-    for k, name in enumerate(JOINTS):
-        expected = found[k] if name in ("RHip", "LHip") else moved[k]
-        np.testing.assert_array_equal(joints[name], expected, err_msg=name)

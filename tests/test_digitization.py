@@ -1,5 +1,6 @@
 """Tests of the flow from films to colored voxels, on a tiny generated capture."""
 
+import json
 import os
 import shutil
 import signal
@@ -14,6 +15,7 @@ from storage import open_archive
 from storage.formats.capture import read_capture
 from storage.places import list_files
 from storage.publication import collect_garbage, verify_take
+from storage.schema import JOINTS
 from tasks import capture_films
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.coloring import ColoringSettings, color_surface
@@ -28,6 +30,7 @@ from tasks.geometry.choreography import okuri48
 from tasks.geometry.voxels import decode_runs
 from tasks.silhouettes import extract_silhouettes
 from tasks.studio import TK, generate_performance
+from tasks.voxel_exporting import export_initial
 from tests.conftest import swaying_body
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow]
@@ -202,6 +205,21 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
         })  # fmt: skip
     assert digests[0] == digests[1]
     assert len(digests[0]) > 20
+
+
+def test_joints_that_a_person_corrected_stay_where_they_were_put(prefect_server, posed, tmp_path):
+    from flows.ingestion import ingest_archive
+
+    folder, archive = shutil.copytree(posed, tmp_path / "posed"), str(tmp_path / "archive")
+    assert ingest_archive(archive, [str(folder)])[0].status == "ingested"
+    export_initial(archive, "posed", str(folder / "initial.json"))
+    corrected = json.loads((folder / "initial.json").read_text(encoding="utf-8"))
+    corrected["joints"]["RElbow"][1] += 0.01
+    (folder / "initial.json").write_text(json.dumps(corrected), encoding="utf-8")
+    assert ingest_archive(archive, [str(folder)])[0].status == "ingested"
+    body = open_archive(archive).take("posed").body
+    given = [corrected["joints"][name] for name in JOINTS]
+    np.testing.assert_allclose(body["initial_joint"].values, given, atol=1e-6)
 
 
 def test_a_truncated_film_is_refused_with_its_camera(ingest, capture, tmp_path):

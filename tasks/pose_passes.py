@@ -310,11 +310,12 @@ def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
     step = max(1, len(poses) // take.settings.joint_frames)
     frames = [t for t in range(0, len(poses), step) if len(take.samples[t][0])]
     settled = [poses[t] for t in frames]
-    for _ in range(take.settings.joint_rounds):
+    for earlier in range(take.settings.joint_rounds):
+        if earlier:  # with the joints found so far
+            pairs = list(zip(frames, settled, strict=True))
+            settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
         seen = ((take.sample(t), pose) for t, pose in zip(frames, settled, strict=True))
         take = replace(take, model=settle_joints(take.model, seen, take.settings.fit))
-        pairs = list(zip(frames, settled, strict=True))
-        settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
     return take.model
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from flows.command import main
+from flows.command.main import main
 from storage.formats.video import VIDEO_SUFFIXES
 from tasks.capture_checks import draw_silhouette
 from tasks.filming import (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.command import build_parser, main, parse_frames
+from flows.command.main import build_parser, main, parse_frames
 from storage import create_archive, open_archive
 from storage.errors import PlaceError
 from storage.formats import read_motion_file
@@ -168,7 +168,7 @@ def test_searching_some_takes_and_below_a_threshold(archive, capsys):
 
 def test_a_search_pays_neither_for_prefect_nor_for_zarr(archive):
     program = (
-        "import sys; from flows.command import main; code = main(sys.argv[1:]);"
+        "import sys; from flows.command.main import main; code = main(sys.argv[1:]);"
         "slow = {'prefect', 'zarr', 'xarray', 'scipy.spatial', 'cv2'} & set(sys.modules);"
         "sys.exit(f'imported {slow}' if slow or code else 0)"
     )

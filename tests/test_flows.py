@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.command import main
+from flows.command.main import main
 from storage import open_archive
 from storage.publication import verify_take
 from storage.search_arrays import open_search_array, search_array_path
@@ -144,7 +144,7 @@ def test_a_run_killed_in_the_middle_is_finished_by_the_next(ingest, tmp_path, in
 
     for number in range(12):
         write_walk(inbox / f"walk{number}.trc", seed=100 + number, frames=1000)
-    program = [sys.executable, "-m", "flows.command", "ingest", str(tmp_path / "archive")]
+    program = [sys.executable, "-m", "flows.command.main", "ingest", str(tmp_path / "archive")]
     environment = {**os.environ, "PREFECT_API_URL": str(PREFECT_API_URL.value())}
     seen = set()
     for seconds in (0.0, 0.2, 0.4, 0.8, 1.6):

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from flows.command import BAD_INPUT, DONE, main
+from flows.command.main import BAD_INPUT, DONE, main
 from storage.formats.camera_plan import read_camera_plan
 from storage.formats.capture_toml import Volume
 from tasks.filming import RingSettings, generate_cameras

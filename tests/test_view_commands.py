@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from flows.command import BAD_INPUT, DONE, WRONG_USE, main
+from flows.command.main import BAD_INPUT, DONE, WRONG_USE, main
 from storage import create_archive, open_archive
 from storage.formats.camera import Camera
 from storage.formats.initial import read_initial

@@ -41,7 +41,7 @@ def main() -> None:
         while (made := sum(record.frames for record in archive.records())) < options.samples:
             fill(archive, made, options.samples)
         say(f"{made:,} samples in {len(archive.takes())} takes ({elapsed(begin):.0f} s to make)")
-        command = [sys.executable, "-m", "flows.command", "search", str(location), QUERY]
+        command = [sys.executable, "-m", "flows.command.main", "search", str(location), QUERY]
         seconds = []
         for _ in range(RUNS):
             begin = time.perf_counter()

@@ -15,8 +15,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flows import printing
-from flows.view_commands import add_render_options, export_voxels_or_segment, plan, render
+from flows.command import printing
+from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
@@ -178,7 +178,7 @@ def _add_upkeep(commands: Any) -> None:
 
 def _demo(options: argparse.Namespace) -> int:
     _hush_prefect()
-    from flows.demo import run_demo
+    from flows.command.demo import run_demo
 
     return DONE if run_demo(Path(options.folder)) else RUN_FAILED
 
@@ -296,7 +296,7 @@ def _index(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from flows.upkeep import verify_archive
+    from flows.command.upkeep import verify_archive
 
     takes, faults = verify_archive(options.archive)
     for fault in faults:
@@ -326,7 +326,7 @@ def _doctor(options: argparse.Namespace) -> int:
         into = Path(options.out) if options.out else None
         good = examine_captures(options.captures, into, printing.print_line, printing.say)
         return DONE if good else BAD_INPUT
-    from flows.doctor import examine_installation
+    from flows.command.doctor import examine_installation
 
     findings = examine_installation()
     for finding in findings:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from flows import printing
+from flows.command import printing
 
 
 def add_render_options(command: argparse.ArgumentParser) -> None:

@@ -94,7 +94,7 @@ def _compiler() -> str:
 
 def _compiled_code_is_kept() -> str:
     """Look whether compiled kernels can be kept between runs."""
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent.parent / "tasks")
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[2] / "tasks")
     if not os.access(folder, os.W_OK):
         raise RuntimeError(
             f"{folder} cannot be written to, so every start compiles anew; set NUMBA_CACHE_DIR "

@@ -7,8 +7,8 @@ is known, and is counted.
 
 from pathlib import Path
 
-from flows import printing
 from flows.answering import Answer, answer_query
+from flows.command import printing
 from flows.ingestion import ingest_archive
 from storage import open_archive
 from storage.archive import take_name

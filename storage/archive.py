@@ -74,7 +74,7 @@ class Take:
     @cached_property
     def silhouettes(self) -> "xarray.DataArray":
         """`(time, camera, row, column)` bool in the pixels of the videos, read on use."""
-        from storage.voxel_arrays import open_silhouettes
+        from storage.arrays.voxels import open_silhouettes
 
         self._check_stage("silhouettes")
         return open_silhouettes(self.place, self.folder)
@@ -96,25 +96,25 @@ class Take:
         IndexError
             If there is no such frame.
         """
-        from storage.voxel_arrays import read_voxels
+        from storage.arrays.voxels import read_voxels
 
         return read_voxels(self._voxels, frame)
 
     def occupied(self, frame: int) -> "xarray.DataArray":
         """Return the dense view `(x, y, z)` bool of a frame; raises as `voxels`."""
-        from storage.voxel_arrays import read_occupied
+        from storage.arrays.voxels import read_occupied
 
         return read_occupied(self._voxels, frame)
 
     @cached_property
     def _voxels(self) -> "zarr.Group":
-        from storage.voxel_arrays import open_voxels
+        from storage.arrays.voxels import open_voxels
 
         self._check_stage("voxels")
         return open_voxels(self.place, self.folder)
 
     def _group(self, name: str) -> "xarray.Dataset":
-        from storage.arrays import (
+        from storage.arrays.groups import (
             open_group,
         )  # xarray and Zarr: 0.6 s that a search need not pay
 

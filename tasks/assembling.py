@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.archive import Archive
-from storage.arrays import write_motion
+from storage.arrays.groups import write_motion
+from storage.arrays.poses import write_body, write_pose
+from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
 from storage.blocks import read_block
 from storage.errors import InputError
 from storage.formats.capture import Capture, read_capture
 from storage.places import Place
-from storage.pose_arrays import write_body, write_pose
 from storage.provenance import Provenance
 from storage.publication import (
     Record,
@@ -29,7 +30,6 @@ from storage.publication import (
 )
 from storage.recordings import digest_capture
 from storage.schema import JOINTS
-from storage.voxel_arrays import write_cameras, write_silhouettes, write_voxels
 from tasks.body_model import measure_body
 from tasks.capture_films import grid_of, largest_image
 from tasks.geometry.body_tree import pose_in_parents

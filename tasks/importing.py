@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.arrays import write_motion
+from storage.arrays.groups import write_motion
 from storage.errors import InputError
 from storage.formats import read_motion_file
 from storage.formats.joint_map import JointMap

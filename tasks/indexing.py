@@ -8,9 +8,9 @@ not depend on the size of the archive.
 import logging
 
 from storage import open_archive
-from storage.arrays import open_group
+from storage.arrays.groups import open_group
+from storage.arrays.search import verify_search_array, write_search_array
 from storage.publication import version_folder
-from storage.search_arrays import verify_search_array, write_search_array
 from tasks.retrieval.normalization import DEFAULT_STATURE_M, pack_motion
 
 logger = logging.getLogger(__name__)

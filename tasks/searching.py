@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.arrays.search import open_search_array
 from storage.errors import ArchiveError
 from storage.places import Place
 from storage.publication import Record
-from storage.search_arrays import open_search_array
 from tasks.retrieval.normalization import (
     INDEX_RATE_HZ,
     OTHER_SIDE,

@@ -12,11 +12,11 @@ import pytest
 
 from flows.command.main import build_parser, main, parse_frames
 from storage import create_archive, open_archive
+from storage.arrays.search import search_array_path
 from storage.errors import PlaceError
 from storage.formats import read_motion_file
 from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS
-from storage.search_arrays import search_array_path
 from tasks.importing import ImportSettings, import_take, publish_take
 from tasks.indexing import index_take
 from tasks.retrieval.normalization import joints_present, pack_motion

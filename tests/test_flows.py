@@ -15,8 +15,8 @@ import pytest
 
 from flows.command.main import main
 from storage import open_archive
+from storage.arrays.search import open_search_array, search_array_path
 from storage.publication import verify_take
-from storage.search_arrays import open_search_array, search_array_path
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow]
 

@@ -8,13 +8,13 @@ import pytest
 
 from flows.command.main import BAD_INPUT, DONE, WRONG_USE, main
 from storage import create_archive, open_archive
+from storage.arrays.poses import write_body, write_pose
+from storage.arrays.voxels import write_cameras, write_voxels
 from storage.formats.camera import Camera
 from storage.formats.initial import read_initial
 from storage.formats.video import open_video, read_frames
-from storage.pose_arrays import write_body, write_pose
 from storage.provenance import Provenance
 from storage.publication import Record, describe_files, publish_record, version_folder
-from storage.voxel_arrays import write_cameras, write_voxels
 from tasks.geometry.voxels import encode_runs, surface_voxels
 from tests.conftest import swaying_body
 

@@ -1,8 +1,8 @@
 """Look after an archive: whether everything is still as it was published."""
 
 from storage import open_archive
+from storage.arrays.search import verify_search_array
 from storage.publication import published_takes, read_record, verify_take
-from storage.search_arrays import verify_search_array
 
 
 def verify_archive(archive: str) -> tuple[int, list[str]]:

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from storage import Archive, create_archive
-from storage.arrays import write_motion
+from storage.arrays.groups import write_motion
 from storage.provenance import recorded
 from storage.publication import Record, describe_files, new_version, publish_record, version_folder
 from storage.schema import JOINTS

@@ -6,7 +6,8 @@ import os
 import numpy as np
 
 from storage import create_archive
-from storage.arrays import write_motion
+from storage.arrays.groups import write_motion
+from storage.arrays.search import write_search_array
 from storage.provenance import recorded
 from storage.publication import (
     Record,
@@ -17,7 +18,6 @@ from storage.publication import (
     version_folder,
 )
 from storage.schema import JOINTS
-from storage.search_arrays import write_search_array
 
 FRAMES = 40
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from storage import create_archive, open_archive
+from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ConflictError, InputError, PlaceError
 from storage.publication import collect_garbage, publish_record, verify_take
-from storage.search_arrays import open_search_array, verify_search_array
 
 from .takes import publish, publish_until_killed, write_version
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from storage import create_archive, open_archive
+from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ArchiveError, ConflictError
 from storage.publication import (
     collect_garbage,
@@ -18,7 +19,6 @@ from storage.publication import (
     verify_take,
     version_folder,
 )
-from storage.search_arrays import open_search_array, verify_search_array
 
 from .takes import publish, publish_until_killed, write_version
 

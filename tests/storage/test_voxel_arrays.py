@@ -1,4 +1,4 @@
-"""Tests of storage.voxel_arrays: what is written against dense arrays, through a take."""
+"""Tests of storage.arrays.voxels: what is written against dense arrays, through a take."""
 
 import dataclasses
 
@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import zarr
 
-from storage import create_archive, voxel_arrays
+from storage import create_archive
 from storage.archive import Take
+from storage.arrays import voxels as voxel_arrays
+from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
 from storage.errors import ArchiveError
 from storage.formats.camera import Camera
 from storage.provenance import Provenance
 from storage.publication import describe_files, version_folder
-from storage.voxel_arrays import write_cameras, write_silhouettes, write_voxels
 
 from .takes import write_version
 
@@ -175,7 +176,7 @@ def test_a_frame_that_is_not_there_is_refused(take, frame):
 
 
 def test_a_plain_zarr_reader_needs_the_words_of_the_module_alone(take, dense):
-    """What is written here follows the docstring of storage.voxel_arrays, nothing else."""
+    """What is written here follows the docstring of storage.arrays.voxels, nothing else."""
     group = zarr.open_group(f"{take.path}/voxels", mode="r")
     arrays = {name: array[:] for name, array in group.arrays()}
     _, ny, nz = group.attrs["shape"]

@@ -22,7 +22,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from storage.arrays import open_group, write_group
+from storage.arrays.groups import open_group, write_group
 from storage.formats.camera import Camera
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance

@@ -7,7 +7,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from storage.arrays import write_group
+from storage.arrays.groups import write_group
 from storage.places import Place
 from storage.provenance import Provenance
 from storage.schema import JOINTS, SEGMENTS, SPACE

@@ -1,0 +1,1 @@
+"""What a take's Zarr groups hold, and how it is written and read."""

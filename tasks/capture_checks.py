@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.formats.capture import Capture
 from storage.formats.capture_toml import Volume
 from storage.formats.footage import read_picture

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.formats.capture import Capture
 from storage.formats.footage import read_picture
 from storage.formats.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames

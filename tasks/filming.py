@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.calibration_toml import write_calibration
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
+from storage.formats.calibration.toml import write_calibration
 from storage.formats.pictures import write_png
 from storage.formats.video_writing import write_video
 from storage.schema import JOINTS

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.formats.capture_toml import Volume
 from storage.schema import JOINTS
 from tasks.capture_films import projection_of

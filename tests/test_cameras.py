@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from storage.formats.camera import (
+from storage.formats.calibration.camera import (
     Y_UP_FROM,
     Camera,
     nearest_rotation,

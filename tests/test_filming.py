@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.formats.capture import read_capture
 from storage.schema import JOINTS
 from tasks.filming import (

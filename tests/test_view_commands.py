@@ -10,7 +10,7 @@ from flows.command.main import BAD_INPUT, DONE, WRONG_USE, main
 from storage import create_archive, open_archive
 from storage.arrays.poses import write_body, write_pose
 from storage.arrays.voxels import write_cameras, write_voxels
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.formats.initial import read_initial
 from storage.formats.video import open_video, read_frames
 from storage.provenance import Provenance

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
 from storage.arrays.groups import open_group, write_group
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
 from storage.schema import SPACE

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.camera import Y_UP_FROM, Camera, turn_y_up
+from storage.formats.calibration.camera import Y_UP_FROM, Camera, turn_y_up
 from storage.formats.capture_toml import Volume
 from storage.formats.reading import listed
 

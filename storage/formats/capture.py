@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from storage.errors import InputError
-from storage.formats.calibration import load_calibration, place_cameras
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
+from storage.formats.calibration.reading import load_calibration, place_cameras
 from storage.formats.capture_toml import MARK, Volume, read_capture_toml
 from storage.formats.footage import Footage, look_at_footage
 from storage.formats.initial import read_initial

@@ -11,7 +11,7 @@ import numpy as np
 
 from storage.archive import take_name
 from storage.errors import InputError
-from storage.formats.camera import Y_UP_FROM
+from storage.formats.calibration.camera import Y_UP_FROM
 from storage.formats.reading import METERS, listed, read_bytes
 
 MARK = "capture.toml"

@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 
 NAMES = ("01", "2", "side")
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.calibration import read_calibration, write_calibration
-from storage.formats.calibration_opencv import cameras_in
+from storage.formats.calibration.opencv import cameras_in
+from storage.formats.calibration.reading import read_calibration, write_calibration
 from tests.formats import calibration_files as files
 from tests.formats.calibration_files import NAMES, in_z_up, rig
 

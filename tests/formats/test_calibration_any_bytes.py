@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from storage.errors import InputError
-from storage.formats.calibration import read_calibration
+from storage.formats.calibration.reading import read_calibration
 from tests.formats import calibration_files as files
 from tests.formats.calibration_files import rig
 from tests.strategies import damaged

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from storage.errors import InputError
-from storage.formats.calibration import read_calibration
+from storage.formats.calibration.reading import read_calibration
 from tests.formats import calibration_files as files
 from tests.formats.calibration_files import rig
 

@@ -11,7 +11,7 @@ from storage.archive import Take
 from storage.arrays import voxels as voxel_arrays
 from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
 from storage.errors import ArchiveError
-from storage.formats.camera import Camera
+from storage.formats.calibration.camera import Camera
 from storage.provenance import Provenance
 from storage.publication import describe_files, version_folder
 

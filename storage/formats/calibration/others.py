@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.calibration_parts import (
+from storage.formats.calibration.parts import (
     Calibration,
     Parts,
     array_of,

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from storage.formats.calibration_parts import Calibration, Parts, array_of, build_cameras, refuse
-from storage.formats.camera import rotation_from_vector
-from storage.formats.opencv_storage import parse_storage
+from storage.formats.calibration.camera import rotation_from_vector
+from storage.formats.calibration.opencv_storage import parse_storage
+from storage.formats.calibration.parts import Calibration, Parts, array_of, build_cameras, refuse
 from storage.formats.reading import listed
 
 _USUAL: dict[str, tuple[str, ...]] = {

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.calibration_parts import Calibration, Parts, build_cameras, numbers_in
+from storage.formats.calibration.parts import Calibration, Parts, build_cameras, numbers_in
 
 WANTED = "twelve numbers, the rows of a 3x4 projection matrix"
 

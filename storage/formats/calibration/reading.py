@@ -1,7 +1,7 @@
 """Read the calibration of a capture, in any of the formats that labs have.
 
 Which format a file has is seen from its content. The result is always the same: cameras in a
-y-up world, in metres (`storage.formats.camera`).
+y-up world, in metres (`storage.formats.calibration.camera`).
 """
 
 import math
@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.calibration_matrices import WANTED as MATRIX_WANTED
-from storage.formats.calibration_matrices import read_matrices
-from storage.formats.calibration_opencv import read_easymocap, read_opencv_calibration
-from storage.formats.calibration_others import read_colmap, read_panoptic, read_qualisys
-from storage.formats.calibration_parts import Calibration, numbers_in, parse_xml
-from storage.formats.calibration_toml import read_toml_calibration, write_calibration
-from storage.formats.camera import Camera, scale_world, turn_y_up
+from storage.formats.calibration.camera import Camera, scale_world, turn_y_up
+from storage.formats.calibration.matrices import WANTED as MATRIX_WANTED
+from storage.formats.calibration.matrices import read_matrices
+from storage.formats.calibration.opencv import read_easymocap, read_opencv_calibration
+from storage.formats.calibration.others import read_colmap, read_panoptic, read_qualisys
+from storage.formats.calibration.parts import Calibration, numbers_in, parse_xml
+from storage.formats.calibration.toml import read_toml_calibration, write_calibration
 from storage.formats.reading import decode_text, listed, read_bytes
 
 __all__ = [

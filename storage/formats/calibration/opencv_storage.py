@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from storage.errors import InputError
-from storage.formats.calibration_parts import number, numbers_in, parse_xml, some
+from storage.formats.calibration.parts import number, numbers_in, parse_xml, some
 
 WANTED = "a YAML or XML file as OpenCV writes it"
 _DEEPEST = 8

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from storage.errors import InputError
-from storage.formats.calibration_parts import (
+from storage.formats.calibration.camera import Y_UP_FROM, Camera, vector_from_rotation
+from storage.formats.calibration.parts import (
     Calibration,
     Parts,
     as_shown,
     build_cameras,
     refuse,
 )
-from storage.formats.camera import Y_UP_FROM, Camera, vector_from_rotation
 from storage.formats.reading import METERS, listed
 from storage.formats.writing import write_beside
 

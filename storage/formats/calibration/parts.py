@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.camera import Camera, nearest_rotation, rotation_from_vector
+from storage.formats.calibration.camera import Camera, nearest_rotation, rotation_from_vector
 from storage.formats.reading import listed
 
 _MOST_FAULTS = 8

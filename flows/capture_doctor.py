@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.capture import Capture, read_capture
+from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.video import Video, open_video, read_blocks
 from tasks.capture_agreement import Agreement, check_agreement
 from tasks.capture_checks import draw_capture_checks, draw_silhouette

@@ -24,7 +24,7 @@ from storage import open_archive
 from storage.archive import Take
 from storage.blocks import block_path, discard_blocks
 from storage.errors import InputError
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.formats.pictures import encode_png
 from storage.publication import read_record
 from storage.recordings import Recording

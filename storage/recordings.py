@@ -12,7 +12,7 @@ from typing import Any, Literal
 from storage.archive import Archive, take_name
 from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
-from storage.formats.capture_toml import MARK, read_capture_toml
+from storage.formats.capture.capture_toml import MARK, read_capture_toml
 from storage.places import read_file, write_file
 from storage.provenance import digest_file
 from storage.publication import Record, read_record

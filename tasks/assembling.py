@@ -16,7 +16,7 @@ from storage.arrays.poses import write_body, write_pose
 from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
 from storage.blocks import read_block
 from storage.errors import InputError
-from storage.formats.capture import Capture, read_capture
+from storage.formats.capture.capture import Capture, read_capture
 from storage.places import Place
 from storage.provenance import Provenance
 from storage.publication import (

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.formats.calibration.camera import Camera
-from storage.formats.capture import Capture
-from storage.formats.capture_toml import Volume
-from storage.formats.footage import read_picture
+from storage.formats.capture.capture import Capture
+from storage.formats.capture.capture_toml import Volume
+from storage.formats.capture.footage import read_picture
 from tasks.geometry.cameras import project
 from tasks.geometry.canvas import (
     BLUE,

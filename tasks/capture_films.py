@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
-from storage.formats.capture import Capture
-from storage.formats.footage import read_picture
+from storage.formats.capture.capture import Capture
+from storage.formats.capture.footage import read_picture
 from storage.formats.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
 from tasks.geometry.background import Background, make_background
 from tasks.geometry.projection import Projection

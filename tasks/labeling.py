@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.blocks import read_block, write_block
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from tasks.capture_films import grid_of
 from tasks.final_labeling import label_carried, label_frame
 from tasks.geometry.bone_fields import BoneFields

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.formats.calibration.camera import Camera
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.capture_toml import Volume
 from storage.schema import JOINTS
 from tasks.capture_films import projection_of
 from tasks.carving import CarvingSettings, carve_visual_hull

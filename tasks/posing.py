@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.errors import InputError
-from storage.formats.capture import Capture, read_capture
-from storage.formats.initial import read_initial
+from storage.formats.capture.capture import Capture, read_capture
+from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body_model import measure_body
 from tasks.capture_films import grid_of

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.blocks import write_block
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from tasks.capture_films import largest_image, read_backgrounds, read_films
 from tasks.geometry.background import Background, measure_gain, smooth
 from tasks.geometry.outlines import draw_outline

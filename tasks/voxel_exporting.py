@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.archive import Take, nearest
 from storage.errors import InputError, UnknownNameError
-from storage.formats.initial import write_initial
+from storage.formats.capture.initial import write_initial
 from storage.formats.pictures import write_png
 from storage.formats.ply import write_points, write_surface
 from storage.formats.writing import write_beside

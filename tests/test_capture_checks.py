@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from storage.formats.capture import read_capture
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.capture import read_capture
+from storage.formats.capture.capture_toml import Volume
 from tasks.capture_checks import CheckSettings, draw_camera_check, draw_capture_checks
 from tests.formats.calibration_files import looking_at
 

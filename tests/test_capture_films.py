@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.formats.video import open_video, read_frames
 from tasks import capture_films
 from tasks.filming import FilmSettings, RingSettings, film_capture, generate_cameras

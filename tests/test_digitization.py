@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from storage import open_archive
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.places import list_files
 from storage.publication import collect_garbage, verify_take
 from storage.schema import JOINTS

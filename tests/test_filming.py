@@ -6,7 +6,7 @@ import pytest
 
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.schema import JOINTS
 from tasks.filming import (
     FilmSettings,

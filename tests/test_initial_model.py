@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.capture import read_capture
-from storage.formats.footage import read_picture
+from storage.formats.capture.capture import read_capture
+from storage.formats.capture.footage import read_picture
 from storage.formats.video import open_video, read_blocks
 from storage.schema import JOINTS
 from tasks.carving import CarvingSettings, carve_visual_hull

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flows.command.main import BAD_INPUT, DONE, main
-from storage.formats.camera_plan import read_camera_plan
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.camera_plan import read_camera_plan
+from storage.formats.capture.capture_toml import Volume
 from tasks.filming import RingSettings, generate_cameras
 from tasks.planning import judge_layout, report_layout
 

@@ -102,7 +102,7 @@ def plan(options: argparse.Namespace) -> None:
         If it is no plan, or has too few cameras.
     """
     from storage.errors import InputError
-    from storage.formats.camera_plan import read_camera_plan
+    from storage.formats.capture.camera_plan import read_camera_plan
     from tasks.planning import judge_layout, report_layout
 
     cameras, volume, notes = read_camera_plan(Path(options.cameras))

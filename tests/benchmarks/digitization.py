@@ -21,7 +21,7 @@ import numpy as np
 import flows  # noqa: F401 - memory is given back as in the command
 from storage import create_archive, open_archive
 from storage.blocks import block_path
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.formats.video import open_video, read_frames
 from storage.formats.video_writing import write_video
 from storage.recordings import digest_capture

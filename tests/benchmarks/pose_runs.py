@@ -12,7 +12,7 @@ import numpy as np
 from storage import create_archive, open_archive
 from storage.blocks import block_path, read_block
 from storage.errors import ArchiveError, InputError
-from storage.formats.capture import Capture, read_capture
+from storage.formats.capture.capture import Capture, read_capture
 from storage.places import Place
 from storage.recordings import digest_capture
 from tasks.capture_films import block_ranges, grid_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from storage.blocks import read_block, write_block
 from storage.formats.calibration.toml import write_calibration
-from storage.formats.capture import read_capture
+from storage.formats.capture.capture import read_capture
 from storage.formats.video import open_video, read_frames
 from storage.formats.video_writing import write_video
 from tasks.capture_films import read_films

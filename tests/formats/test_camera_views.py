@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from storage.formats.calibration.camera import scale_world
-from storage.formats.camera_views import share_seen
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.camera_views import share_seen
+from storage.formats.capture.capture_toml import Volume
 from tests.formats.calibration_files import looking_at, rig
 
 

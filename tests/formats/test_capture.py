@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.capture import read_capture
-from storage.formats.capture_toml import Volume
-from storage.formats.initial import write_initial
+from storage.formats.capture.capture import read_capture
+from storage.formats.capture.capture_toml import Volume
+from storage.formats.capture.initial import write_initial
 from storage.formats.pictures import write_png
 from storage.formats.video_writing import write_video
 from tasks.filming import stretch_arms_first

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.initial import OPTIONAL, read_initial, write_initial
+from storage.formats.capture.initial import OPTIONAL, read_initial, write_initial
 from storage.schema import JOINTS
 
 SIDES = {

@@ -21,7 +21,7 @@ import numpy as np
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.calibration.reading import read_calibration
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.capture_toml import Volume
 
 USUAL_VOLUME = Volume((0.0, 1.0, 0.0), (2.0, 2.0, 2.0), 0.01)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.formats.calibration.camera import Y_UP_FROM, Camera, turn_y_up
-from storage.formats.capture_toml import Volume
+from storage.formats.capture.capture_toml import Volume
 from storage.formats.reading import listed
 
 _STEPS = 9  # points along each axis of the volume

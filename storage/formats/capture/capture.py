@@ -15,9 +15,9 @@ import numpy as np
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.calibration.reading import load_calibration, place_cameras
-from storage.formats.capture_toml import MARK, Volume, read_capture_toml
-from storage.formats.footage import Footage, look_at_footage
-from storage.formats.initial import read_initial
+from storage.formats.capture.capture_toml import MARK, Volume, read_capture_toml
+from storage.formats.capture.footage import Footage, look_at_footage
+from storage.formats.capture.initial import read_initial
 from storage.formats.reading import listed
 from storage.formats.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 
@@ -342,7 +342,9 @@ def _views(
     notes: list[str],
 ) -> list[float]:
     """Return the share of the volume that each camera sees, and say it."""
-    from storage.formats.camera_views import view_faults  # OpenCV: not for who lists captures
+    from storage.formats.capture.camera_views import (
+        view_faults,  # OpenCV: not for who lists captures
+    )
 
     if volume is None or not cameras or any(camera.size is None for camera in cameras):
         return []

@@ -1,0 +1,1 @@
+"""Capture folders: their settings, films, backgrounds and initial model."""

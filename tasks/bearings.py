@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.motion_file import MotionFile
+from storage.formats.motion.motion_file import MotionFile
 from storage.schema import JOINTS
 from tasks.marker_choice import Choice, place_joints
 from tasks.retrieval.normalization import measure_stature

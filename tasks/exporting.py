@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.errors import InputError
-from storage.formats.bvh import write_bvh
-from storage.formats.c3d import write_c3d
-from storage.formats.joint_csv import write_joint_csv
-from storage.formats.trc import write_trc
+from storage.formats.motion.bvh import write_bvh
+from storage.formats.motion.c3d import write_c3d
+from storage.formats.motion.joint_csv import write_joint_csv
+from storage.formats.motion.trc import write_trc
 from storage.places import told
 from storage.schema import JOINTS
 from tasks.geometry.skeletons import fit_skeleton

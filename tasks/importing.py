@@ -18,9 +18,9 @@ from storage import open_archive
 from storage.arrays.groups import write_motion
 from storage.errors import InputError
 from storage.formats import read_motion_file
-from storage.formats.joint_map import JointMap
-from storage.formats.joint_map import read_joint_map as read_joint_map
-from storage.formats.motion_file import MotionFile
+from storage.formats.motion.joint_map import JointMap
+from storage.formats.motion.joint_map import read_joint_map as read_joint_map
+from storage.formats.motion.motion_file import MotionFile
 from storage.places import Place
 from storage.provenance import Provenance, digest_file, now, recorded
 from storage.publication import (

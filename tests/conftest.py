@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage.formats.trc import write_trc
+from storage.formats.motion.trc import write_trc
 from storage.schema import JOINTS
 
 ROOT = Path(__file__).parent.parent

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from storage.formats.motion_file import MotionFile
+from storage.formats.motion.motion_file import MotionFile
 from tasks.importing import ImportSettings, make_joint_track
 
 FRAMES, RATE_HZ = 120, 60.0

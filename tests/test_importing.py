@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from storage.errors import InputError
 from storage.formats import read_motion_file
-from storage.formats.joint_map import read_joint_map
-from storage.formats.motion_file import MotionFile
+from storage.formats.motion.joint_map import read_joint_map
+from storage.formats.motion.motion_file import MotionFile
 from storage.schema import JOINTS
 from tasks.geometry.signals import fill_gaps, filter_low_pass
 from tasks.importing import ImportSettings, make_joint_track

@@ -7,7 +7,7 @@ and imports it only then.
 from pathlib import Path
 
 from storage.errors import InputError
-from storage.formats.motion_file import MotionFile
+from storage.formats.motion.motion_file import MotionFile
 
 MOTION_SUFFIXES = (".c3d", ".trc", ".bvh")
 """The suffixes of the files that `read_motion_file` accepts, in lower case."""
@@ -34,11 +34,11 @@ def read_motion_file(path: Path) -> MotionFile:
     path = Path(path)
     match path.suffix.lower():
         case ".c3d":
-            from storage.formats.c3d import read_c3d as read
+            from storage.formats.motion.c3d import read_c3d as read
         case ".trc":
-            from storage.formats.trc import read_trc as read
+            from storage.formats.motion.trc import read_trc as read
         case ".bvh":
-            from storage.formats.bvh import read_bvh as read
+            from storage.formats.motion.bvh import read_bvh as read
         case _:
             raise InputError(
                 f"{path} is not a motion file that can be read: bring a file whose name ends "

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.writing import write_beside
+from storage.formats.motion.writing import write_beside
 
 
 def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:

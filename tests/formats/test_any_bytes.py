@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from storage.errors import InputError
 from storage.formats import read_motion_file
-from storage.formats.c3d import write_c3d
-from storage.formats.trc import write_trc
+from storage.formats.motion.c3d import write_c3d
+from storage.formats.motion.trc import write_trc
 from tests.formats.test_bvh import WHOLE as BVH
 from tests.formats.test_trc import WHOLE as TRC
 from tests.strategies import damaged

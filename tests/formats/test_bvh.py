@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.bvh import read_bvh, write_bvh
+from storage.formats.motion.bvh import read_bvh, write_bvh
 
 WHOLE = """HIERARCHY
 ROOT hip

@@ -12,7 +12,7 @@ import pytest
 
 from storage.errors import InputError
 from storage.formats import read_motion_file
-from storage.formats.c3d import read_c3d, write_c3d
+from storage.formats.motion.c3d import read_c3d, write_c3d
 
 INTEL, DEC, MIPS = 84, 85, 86
 READABLE = ("Eb015pi", "Eb015pr", "PiG_Motion-FlatFoot-Full", "pc_real", "walkingOptiTrack")

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 
 from storage.formats import read_motion_file
-from storage.formats.bvh import write_bvh
-from storage.formats.c3d import write_c3d
-from storage.formats.joint_csv import write_joint_csv
-from storage.formats.trc import write_trc
+from storage.formats.motion.bvh import write_bvh
+from storage.formats.motion.c3d import write_c3d
+from storage.formats.motion.joint_csv import write_joint_csv
+from storage.formats.motion.trc import write_trc
 from storage.schema import JOINTS
 from tasks.geometry.skeletons import fit_skeleton
 from tests.strategies import tracks

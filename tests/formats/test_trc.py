@@ -5,7 +5,7 @@ import pytest
 
 from storage.errors import InputError
 from storage.formats import read_motion_file
-from storage.formats.trc import read_trc, write_trc
+from storage.formats.motion.trc import read_trc, write_trc
 
 HEAD = "PathFileType\t4\t(X/Y/Z)\tx.trc\n"
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"

@@ -19,8 +19,8 @@ from storage.formats.calibration.parts import (
     build_cameras,
     refuse,
 )
+from storage.formats.motion.writing import write_beside
 from storage.formats.reading import METERS, listed
-from storage.formats.writing import write_beside
 
 _WANTED = "a table a camera with size, matrix, distortions, rotation and translation"
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.formats.motion.writing import write_beside
 from storage.formats.reading import decode_text, listed, read_bytes
-from storage.formats.writing import write_beside
 from storage.schema import JOINTS, SEGMENTS
 
 _WANTED = "a JSON file with `joints`: a name and [x, y, z] in metres each"

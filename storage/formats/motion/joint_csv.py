@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats import writing
+from storage.formats.motion import writing
 
 
 def write_joint_csv(

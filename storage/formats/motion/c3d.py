@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats import reading, writing
-from storage.formats.c3d_parameters import BLOCK, C3DHead, floats, read_head
-from storage.formats.motion_file import MotionFile
+from storage.formats import reading
+from storage.formats.motion import writing
+from storage.formats.motion.c3d_parameters import BLOCK, C3DHead, floats, read_head
+from storage.formats.motion.motion_file import MotionFile
 
 _MODELED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "REACTIONS", "SCALARS")
 

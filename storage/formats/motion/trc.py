@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats import reading, writing
-from storage.formats.motion_file import MotionFile
+from storage.formats import reading
+from storage.formats.motion import writing
+from storage.formats.motion.motion_file import MotionFile
 
 _WANTED = "a TRC file"
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
-from storage.formats.video import Video, open_video, read_blocks
+from storage.formats.pictures.video import Video, open_video, read_blocks
 from tasks.capture_agreement import Agreement, check_agreement
 from tasks.capture_checks import draw_capture_checks, draw_silhouette
 from tasks.capture_films import grid_of, of_camera, projection_of, read_backgrounds

@@ -25,7 +25,7 @@ from storage.archive import Take
 from storage.blocks import block_path, discard_blocks
 from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
-from storage.formats.pictures import encode_png
+from storage.formats.pictures.pictures import encode_png
 from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.assembling import Blocks, assemble_take, is_digitized

@@ -16,7 +16,7 @@ from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import Capture
 from storage.formats.capture.footage import read_picture
-from storage.formats.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
+from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
 from tasks.geometry.background import Background, make_background
 from tasks.geometry.projection import Projection
 from tasks.geometry.threads import THREADS

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.calibration.toml import write_calibration
-from storage.formats.pictures import write_png
-from storage.formats.video_writing import write_video
+from storage.formats.pictures.pictures import write_png
+from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
 from tasks.geometry.bodies import SEGMENTS, BodySurface, pose_surface
 from tasks.geometry.limbs import unit

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.archive import Take
 from storage.errors import InputError, UnknownNameError
-from storage.formats.pictures import write_png
-from storage.formats.video_writing import write_video
+from storage.formats.pictures.pictures import write_png
+from storage.formats.pictures.video_writing import write_video
 from tasks.geometry.threads import THREADS
 from tasks.novel_views import aim_camera, render_view
 

@@ -18,8 +18,8 @@ from storage.archive import Take, nearest
 from storage.errors import InputError, UnknownNameError
 from storage.formats.capture.initial import write_initial
 from storage.formats.motion.writing import write_beside
-from storage.formats.pictures import write_png
-from storage.formats.ply import write_points, write_surface
+from storage.formats.pictures.pictures import write_png
+from storage.formats.pictures.ply import write_points, write_surface
 from storage.places import told
 from storage.schema import SEGMENTS
 from tasks.body_model import segment_motion

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.command.main import main
-from storage.formats.video import VIDEO_SUFFIXES
+from storage.formats.pictures.video import VIDEO_SUFFIXES
 from tasks.capture_checks import draw_silhouette
 from tasks.filming import (
     FilmSettings,

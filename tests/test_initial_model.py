@@ -6,7 +6,7 @@ import pytest
 from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.capture.footage import read_picture
-from storage.formats.video import open_video, read_blocks
+from storage.formats.pictures.video import open_video, read_blocks
 from storage.schema import JOINTS
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.geometry.background import make_background

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.pictures import write_png
+from storage.formats.pictures.pictures import write_png
 from storage.schema import JOINTS
 from tasks.geometry.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
 from tasks.geometry.choreography import lonely, okuri48, radio_arms

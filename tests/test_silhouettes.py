@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from storage.formats.video import open_video, read_frames
+from storage.formats.pictures.video import open_video, read_frames
 from tasks import silhouettes as stage
 from tasks.geometry import background as backgrounds
 from tasks.geometry.background import Background, make_background, measure_gain, smooth

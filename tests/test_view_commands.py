@@ -12,7 +12,7 @@ from storage.arrays.poses import write_body, write_pose
 from storage.arrays.voxels import write_cameras, write_voxels
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.initial import read_initial
-from storage.formats.video import open_video, read_frames
+from storage.formats.pictures.video import open_video, read_frames
 from storage.provenance import Provenance
 from storage.publication import Record, describe_files, publish_record, version_folder
 from tasks.geometry.voxels import encode_runs, surface_voxels

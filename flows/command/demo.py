@@ -13,7 +13,7 @@ from flows.ingestion import ingest_archive
 from storage import open_archive
 from storage.archive import take_name
 from storage.formats.motion.writing import write_beside
-from storage.formats.pictures import write_png
+from storage.formats.pictures.pictures import write_png
 from storage.places import told
 from tasks.exporting import write_joint_track
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first

@@ -22,8 +22,8 @@ import flows  # noqa: F401 - memory is given back as in the command
 from storage import create_archive, open_archive
 from storage.blocks import block_path
 from storage.formats.capture.capture import read_capture
-from storage.formats.video import open_video, read_frames
-from storage.formats.video_writing import write_video
+from storage.formats.pictures.video import open_video, read_frames
+from storage.formats.pictures.video_writing import write_video
 from storage.recordings import digest_capture
 from tasks.assembling import assemble_take
 from tasks.capture_films import block_ranges

@@ -10,8 +10,8 @@ from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.initial import write_initial
-from storage.formats.pictures import write_png
-from storage.formats.video_writing import write_video
+from storage.formats.pictures.pictures import write_png
+from storage.formats.pictures.video_writing import write_video
 from tasks.filming import stretch_arms_first
 from tests.conftest import swaying_body
 from tests.formats import calibration_files as files

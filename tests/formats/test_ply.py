@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.ply import write_points, write_surface
+from storage.formats.pictures.ply import write_points, write_surface
 
 SIZES = {"float": "f", "uchar": "B", "int": "i"}
 

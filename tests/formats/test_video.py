@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
-from storage.formats.pictures import write_png
-from storage.formats.video import open_video, quiet_cv2, read_blocks, read_frames
-from storage.formats.video_writing import write_video
+from storage.formats.pictures.pictures import write_png
+from storage.formats.pictures.video import open_video, quiet_cv2, read_blocks, read_frames
+from storage.formats.pictures.video_writing import write_video
 
 MADE = Path(__file__).parent / "videos"
 ROWS, COLUMNS, FRAMES = 32, 48, 60

@@ -18,8 +18,8 @@ from storage.formats.calibration.reading import load_calibration, place_cameras
 from storage.formats.capture.capture_toml import MARK, Volume, read_capture_toml
 from storage.formats.capture.footage import Footage, look_at_footage
 from storage.formats.capture.initial import read_initial
+from storage.formats.pictures.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from storage.formats.reading import listed
-from storage.formats.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 
 COUNT_TOLERANCE_S = 0.1
 """Videos whose lengths differ by at most so much are cut to the shortest; others are refused."""

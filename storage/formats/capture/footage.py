@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, quiet_cv2, read_frames
 from storage.formats.reading import read_bytes
-from storage.formats.video import PICTURE_SUFFIXES, open_video, quiet_cv2, read_frames
 
 _WANTED = "a picture as PNG or JPEG"
 

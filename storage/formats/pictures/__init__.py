@@ -1,0 +1,1 @@
+"""Pictures, films and point clouds, read and written."""

@@ -29,6 +29,8 @@ from storage.formats.pictures.pictures import encode_png
 from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.assembling import Blocks, assemble_take, is_digitized
+from tasks.body.labeling import label_block
+from tasks.body.pose_fitting import PosingSettings
 from tasks.cached import (
     carve_block_once,
     color_block_once,
@@ -44,8 +46,6 @@ from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import publish_take
-from tasks.labeling import label_block
-from tasks.posing import PosingSettings
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.voxel_exporting import picture_initial
 

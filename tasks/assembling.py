@@ -30,11 +30,11 @@ from storage.publication import (
 )
 from storage.recordings import digest_capture
 from storage.schema import JOINTS
+from tasks.body.joint_tracks import JointTrackSettings, build_joint_track, track_stature
 from tasks.body_model import measure_body
 from tasks.capture_films import grid_of, largest_image
 from tasks.geometry.body_tree import pose_in_parents
 from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
-from tasks.joint_tracks import JointTrackSettings, build_joint_track, track_stature
 from tasks.retrieval.normalization import joints_present
 
 _NO_CAMERA = 255

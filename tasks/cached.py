@@ -17,13 +17,13 @@ from prefect.transactions import CommitMode, transaction
 
 from storage import open_archive
 from storage.blocks import has_block
+from tasks.body.labeling import label_block
+from tasks.body.pose_fitting import fit_take, model_take
 from tasks.carving import carve_block
 from tasks.coloring import color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
-from tasks.labeling import label_block
-from tasks.posing import fit_take, model_take
 from tasks.silhouettes import extract_block
 
 

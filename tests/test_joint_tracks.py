@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks import joint_tracks
+from tasks.body import joint_tracks
 from tests.conftest import swaying_body
 
 SETTINGS = joint_tracks.JointTrackSettings()

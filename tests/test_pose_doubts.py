@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.pose_doubts import DoubtSettings, find_doubts
+from tasks.body.doubts import DoubtSettings, find_doubts
 from tests.box_frames import Frames
 
 

@@ -26,13 +26,13 @@ from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from storage.recordings import digest_capture
 from tasks.assembling import assemble_take
+from tasks.body.labeling import label_block
+from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
 from tasks.capture_films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.importing import publish_take
-from tasks.labeling import label_block
-from tasks.posing import PosingSettings, fit_take, model_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.studio import demo_performances
 

@@ -15,12 +15,12 @@ from storage.errors import ArchiveError, InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.places import Place
 from storage.recordings import digest_capture
+from tasks.body.labeling import label_block
+from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
 from tasks.capture_films import block_ranges, grid_of
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.geometry.voxels import voxel_centers
-from tasks.labeling import label_block
-from tasks.posing import PosingSettings, fit_take, model_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.voxel_frames import VoxelFrames
 from tests.benchmarks.pose_scores import joint_errors, label_accuracy, score_joints

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from tasks.posing import PosingSettings
+from tasks.body.pose_fitting import PosingSettings
 from tests.benchmarks.pose_captures import PLANS, make_captures
 from tests.benchmarks.pose_runs import Voxels, describe, make_voxels, pose, recall
 from tests.benchmarks.pose_sensitivity import measure_sensitivity

@@ -21,6 +21,8 @@ from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
+from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.joint_tracks import JointTrackSettings, track_stature
 from tasks.body_model import measure_body
 from tasks.capture_films import grid_of
 from tasks.final_labeling import label_frame, make_body_fields
@@ -33,9 +35,7 @@ from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints
-from tasks.joint_tracks import JointTrackSettings, track_stature
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
-from tasks.pose_doubts import DoubtSettings, find_doubts
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
 from tasks.skin_labeling import label_skin, skin_table

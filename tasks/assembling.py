@@ -30,10 +30,10 @@ from storage.publication import (
 )
 from storage.recordings import digest_capture
 from storage.schema import JOINTS
+from tasks.body.anatomy.segments import pose_in_parents
+from tasks.body.anatomy.shape import measure_body
 from tasks.body.joint_tracks import JointTrackSettings, build_joint_track, track_stature
-from tasks.body_model import measure_body
 from tasks.capture_films import grid_of, largest_image
-from tasks.geometry.body_tree import pose_in_parents
 from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
 from tasks.retrieval.normalization import joints_present
 

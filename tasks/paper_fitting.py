@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.body_tree import PARENTS, SEGMENT_COUNT, BodyShape, carry_joints
+from tasks.body.anatomy.segments import PARENTS, SEGMENT_COUNT, BodyShape, carry_joints
 from tasks.kernels import njit
 
 _RADII_SQUARED = 4.0  # of the ellipsoid, in variances: two standard deviations

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS, SEGMENTS
-from tasks.geometry.articulated import (
+from tasks.body.anatomy.bones import (
     BONES,
     PROXIMAL,
     Pose,
@@ -25,11 +25,11 @@ from tasks.geometry.articulated import (
     place_bones,
     rest_pose,
 )
+from tasks.body.anatomy.nearest_bones import complete_joints
 from tasks.geometry.blob_fitting import (
     Fit,
 )
 from tasks.geometry.fit_model import FitModel, bones_of_voxels, make_model, place_model
-from tasks.geometry.initial_shape_labels import complete_joints
 from tasks.geometry.voxel_samples import Surfaces, draw_samples, learn_looks
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 from tasks.pose_hands import look_for_hands

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.geometry.articulated import Floats, place_bones
+from tasks.body.anatomy.bones import Floats, place_bones
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import place_model
 from tasks.geometry.limb_search import LIMBS

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.articulated import BONES, Floats, Pose, blend, extrapolate
+from tasks.body.anatomy.bones import BONES, Floats, Pose, blend, extrapolate
 from tasks.geometry.blob_fitting import (
     Fit,
     FitSettings,

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.articulated import Floats, Pose, rest_pose
+from tasks.body.anatomy.bones import Floats, Pose, rest_pose
 from tasks.geometry.blob_fitting import Fit
 from tasks.geometry.fit_model import middles
 from tasks.geometry.limb_search import LIMBS, Limb

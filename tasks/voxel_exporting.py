@@ -22,7 +22,7 @@ from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.ply import write_points, write_surface
 from storage.places import told
 from storage.schema import SEGMENTS
-from tasks.body_model import segment_motion
+from tasks.body.anatomy.shape import segment_motion
 from tasks.geometry.surfaces import closed_surface, nearest_colors
 from tasks.geometry.voxels import VoxelGrid, encode_runs
 from tasks.initial_model import InitialModel, draw_initial_model, label_from_joints

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.geometry.skin import SurfaceFrame
+from tasks.body.anatomy.skin import SurfaceFrame
 
 SKIN, CLOTH, HAIR, GOLD, GLOVE = (
     (222, 176, 142),

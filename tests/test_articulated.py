@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tasks.geometry import articulated, blobs, limb_search
-from tasks.geometry.articulated import BONES, PARENT, Pose
+from tasks.body.anatomy import bones as articulated
+from tasks.body.anatomy.bones import BONES, PARENT, Pose
+from tasks.geometry import blobs, limb_search
 
 B = BONES.index
 

@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from storage.schema import JOINTS
-from tasks import body_model
-from tasks.geometry import body_tree as tree
+from tasks.body.anatomy import segments as tree
+from tasks.body.anatomy import shape as body_model
 from tests.conftest import swaying_body
 
 VOXELS = 300

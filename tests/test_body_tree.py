@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from storage.schema import JOINTS, SEGMENTS
-from tasks.geometry import body_tree as tree
+from tasks.body.anatomy import segments as tree
 from tests.conftest import swaying_body
 
 

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tasks.final_labeling import label_carried, make_body_fields
-from tasks.geometry.bone_fields import carry_back, make_fields, nearest_bones
-from tasks.geometry.initial_shape_labels import (
+from tasks.body.anatomy.nearest_bones import (
     HUMERAL_HEAD,
     body_size,
     complete_joints,
     is_limb,
     label_points,
 )
+from tasks.final_labeling import label_carried, make_body_fields
+from tasks.geometry.bone_fields import carry_back, make_fields, nearest_bones
 from tasks.geometry.label_regions import clean_labels
 from tasks.geometry.voxel_lines import lines_of_index
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.color_histograms import color_cells, count_colors, learn_likeness, log_ratio
+from tasks.body.anatomy.colors import color_cells, count_colors, learn_likeness, log_ratio
 
 WHITE, PURPLE, RED = (230, 230, 225), (70, 20, 90), (200, 30, 30)
 

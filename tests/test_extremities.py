@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.geometry.extremities import (
     ExtremitySettings,
     _above_necks,
@@ -8,7 +9,6 @@ from tasks.geometry.extremities import (
     initial_places,
 )
 from tasks.geometry.extremity_candidates import Candidates
-from tasks.geometry.skin import SurfaceFrame
 from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
 
 RATE_HZ = 30.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame
 from tasks.geometry.foot_search import (
     FootSettings,
     _find_low,
@@ -10,7 +11,6 @@ from tasks.geometry.foot_search import (
     find_feet_of,
     learn_feet,
 )
-from tasks.geometry.skin import NO_CAMERA, SurfaceFrame
 
 STATURE, RATE_HZ = 1.6, 30.0
 SETTINGS = FootSettings()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tasks.geometry import articulated
-from tasks.geometry.articulated import BONES, PARENT, Pose
+from tasks.body.anatomy import bones as articulated
+from tasks.body.anatomy.bones import BONES, PARENT, Pose
 from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
 
 HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]

@@ -3,8 +3,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from storage.schema import JOINTS
-from tasks import body_model, paper_fitting
-from tasks.geometry import body_tree as tree
+from tasks import paper_fitting
+from tasks.body.anatomy import segments as tree
+from tasks.body.anatomy import shape as body_model
 from tests.conftest import swaying_body
 
 RATE_HZ, STATURE_M = 30.0, 1.6

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS, SEGMENTS
-from tasks.geometry import articulated, blobs
-from tasks.geometry.articulated import BONES, SEGMENT, Pose
+from tasks.body.anatomy import bones as articulated
+from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
+from tasks.geometry import blobs
 from tasks.geometry.blob_fitting import FitSettings, Target, fit_frame, miss, weigh, worth
 from tasks.geometry.fit_model import bones_of_voxels, make_model
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.geometry.articulated import BONES, rest_pose
+from tasks.body.anatomy.bones import BONES, rest_pose
 from tasks.geometry.blob_fitting import FitSettings, fit_frame
 from tasks.geometry.fit_model import middles
 from tasks.geometry.limb_search import LIMBS, reach_for

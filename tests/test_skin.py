@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.skin import (
+from tasks.body.anatomy.skin import (
     SkinSettings,
     SurfaceFrame,
     find_skin_parts,

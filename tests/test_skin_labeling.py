@@ -5,7 +5,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from tasks import skin_labeling
-from tasks.geometry.skin import NO_CAMERA
+from tasks.body.anatomy.skin import NO_CAMERA
 from tasks.geometry.voxel_lines import lines_of_index
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.articulated import BONES
-from tasks.geometry.color_histograms import color_cells
+from tasks.body.anatomy.bones import BONES
+from tasks.body.anatomy.colors import color_cells
 from tasks.geometry.voxel_samples import draw_samples, learn_looks
 from tasks.geometry.voxels import encode_runs
 

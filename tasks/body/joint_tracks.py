@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.body_tree import CARRIERS, JOINT_NAMES
+from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
 from tasks.kernels import njit
 from tasks.retrieval.normalization import DEFAULT_STATURE_M, measure_stature
 

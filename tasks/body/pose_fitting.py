@@ -21,17 +21,17 @@ from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
+from tasks.body.anatomy.bones import place_bones
+from tasks.body.anatomy.nearest_bones import complete_joints, label_points
+from tasks.body.anatomy.segments import ORIGINS, local_systems, place_ellipsoids
+from tasks.body.anatomy.shape import measure_body
+from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.doubts import DoubtSettings, find_doubts
 from tasks.body.joint_tracks import JointTrackSettings, track_stature
-from tasks.body_model import measure_body
 from tasks.capture_films import grid_of
 from tasks.final_labeling import label_frame, make_body_fields
-from tasks.geometry.articulated import place_bones
-from tasks.geometry.body_tree import ORIGINS, local_systems, place_ellipsoids
 from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
-from tasks.geometry.initial_shape_labels import complete_joints, label_points
-from tasks.geometry.skin import SurfaceFrame
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints

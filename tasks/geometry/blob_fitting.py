@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tasks.geometry.articulated import (
+from tasks.body.anatomy.bones import (
     BONES,
     UNKNOWNS,
     Floats,

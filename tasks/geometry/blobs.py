@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
-from tasks.geometry.articulated import over, times
+from tasks.body.anatomy.bones import over, times
 from tasks.kernels import njit
 
 Floats = NDArray[np.float64]

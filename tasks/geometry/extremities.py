@@ -14,6 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.body.anatomy.skin import (
+    SkinModel,
+    SkinSettings,
+    SurfaceFrame,
+    check_joints,
+    find_hands,
+    learn_skin,
+)
 from tasks.geometry.extremity_candidates import (
     Candidates,
     CandidateSettings,
@@ -22,14 +30,6 @@ from tasks.geometry.extremity_candidates import (
 )
 from tasks.geometry.extremity_paths import Motion, best_paths
 from tasks.geometry.foot_search import FootSettings, choose_feet, find_feet_of, learn_feet
-from tasks.geometry.skin import (
-    SkinModel,
-    SkinSettings,
-    SurfaceFrame,
-    check_joints,
-    find_hands,
-    learn_skin,
-)
 from tasks.geometry.threads import side_by_side
 
 Floats = NDArray[np.float64]

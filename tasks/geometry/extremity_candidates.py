@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.skin import NO_CAMERA, SkinModel, SurfaceFrame
+from tasks.body.anatomy.skin import NO_CAMERA, SkinModel, SurfaceFrame
 from tasks.geometry.surface_cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
 from tasks.kernels import njit
 

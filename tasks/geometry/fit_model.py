@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.articulated import BONES, PROXIMAL, Floats, Pose, place_bones
+from tasks.body.anatomy.bones import BONES, PROXIMAL, Floats, Pose, place_bones
 from tasks.geometry.blobs import Blobs, make_blobs, place_blobs
 
 _B = {name: k for k, name in enumerate(BONES)}

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
+from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
+from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame, separability
 from tasks.geometry.extremity_candidates import find_lumps
 from tasks.geometry.extremity_paths import Motion, best_paths
-from tasks.geometry.skin import NO_CAMERA, SurfaceFrame, separability
 from tasks.geometry.surface_cells import gather_cells
 from tasks.kernels import njit
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.articulated import BONES, Floats, Pose, place_bones, rotation_of
+from tasks.body.anatomy.bones import BONES, Floats, Pose, place_bones, rotation_of
 
 
 @dataclass(frozen=True)

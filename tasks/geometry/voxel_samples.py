@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.articulated import BONES
-from tasks.geometry.color_histograms import COLORS, color_cells, learn_likeness
-from tasks.geometry.skin import NO_CAMERA
+from tasks.body.anatomy.bones import BONES
+from tasks.body.anatomy.colors import COLORS, color_cells, learn_likeness
+from tasks.body.anatomy.skin import NO_CAMERA
 from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxels import VoxelRuns, voxel_index
 

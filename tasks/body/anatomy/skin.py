@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.color_histograms import color_cells, count_colors, log_ratio
+from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
 
 NO_CAMERA = 255
 """The camera of a surface voxel whose color is not its own."""

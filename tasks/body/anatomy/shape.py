@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tasks.geometry.body_tree import (
+from tasks.body.anatomy.segments import (
     CARRIERS,
     SEGMENT_COUNT,
     BodyShape,

@@ -1,0 +1,1 @@
+"""What a body is: segments, bones, shape, proportions, skin."""

@@ -26,11 +26,11 @@ from tasks.body.anatomy.bones import (
     rest_pose,
 )
 from tasks.body.anatomy.nearest_bones import complete_joints
-from tasks.geometry.blob_fitting import (
+from tasks.body.blobs.fitting import (
     Fit,
 )
-from tasks.geometry.fit_model import FitModel, bones_of_voxels, make_model, place_model
-from tasks.geometry.voxel_samples import Surfaces, draw_samples, learn_looks
+from tasks.body.blobs.model import FitModel, bones_of_voxels, make_model, place_model
+from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 from tasks.pose_hands import look_for_hands
 from tasks.pose_passes import Fitting, PoseSettings, follow, merge, settle, settle_centers

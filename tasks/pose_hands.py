@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from tasks.body.anatomy.bones import Floats, place_bones
-from tasks.geometry.blob_fitting import Fit
-from tasks.geometry.fit_model import place_model
+from tasks.body.blobs.fitting import Fit
+from tasks.body.blobs.model import place_model
 from tasks.geometry.limb_search import LIMBS
 from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONES, Floats, Pose, blend, extrapolate
-from tasks.geometry.blob_fitting import (
+from tasks.body.blobs.blobs import Voxels, gather_voxels
+from tasks.body.blobs.fitting import (
     Fit,
     FitSettings,
     Target,
@@ -21,11 +22,10 @@ from tasks.geometry.blob_fitting import (
     settle_joints,
     worth,
 )
-from tasks.geometry.blobs import Voxels, gather_voxels
-from tasks.geometry.fit_model import FitModel, middles
+from tasks.body.blobs.model import FitModel, middles
+from tasks.body.blobs.samples import Drawn
 from tasks.geometry.limb_search import LIMBS, Limb, choose_fits, reach_for
 from tasks.geometry.threads import side_by_side
-from tasks.geometry.voxel_samples import Drawn
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 _CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand", "RFoot", "LFoot"))

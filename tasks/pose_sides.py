@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import Floats, Pose, rest_pose
-from tasks.geometry.blob_fitting import Fit
-from tasks.geometry.fit_model import middles
+from tasks.body.blobs.fitting import Fit
+from tasks.body.blobs.model import middles
 from tasks.geometry.limb_search import LIMBS, Limb
 from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side

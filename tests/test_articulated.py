@@ -5,7 +5,8 @@ import pytest
 
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
-from tasks.geometry import blobs, limb_search
+from tasks.body.blobs import blobs
+from tasks.geometry import limb_search
 
 B = BONES.index
 

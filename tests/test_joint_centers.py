@@ -5,7 +5,7 @@ import pytest
 
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
-from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
+from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 
 HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
 LEFT = np.array([1.0, 0.0, 0.0])
@@ -102,7 +102,7 @@ def test_one_side_speaks_for_the_other(rng, body):
 
 
 def test_slopes_are_what_differences_give(rng, body):
-    from tasks.geometry.joint_centers import _center_slope, _pose_slope
+    from tasks.body.blobs.centers import _center_slope, _pose_slope
 
     origin, bone, rest = body
     pose = a_pose(rng, 0.8)

@@ -6,9 +6,9 @@ import pytest
 from storage.schema import JOINTS, SEGMENTS
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
-from tasks.geometry import blobs
-from tasks.geometry.blob_fitting import FitSettings, Target, fit_frame, miss, weigh, worth
-from tasks.geometry.fit_model import bones_of_voxels, make_model
+from tasks.body.blobs import blobs
+from tasks.body.blobs.fitting import FitSettings, Target, fit_frame, miss, weigh, worth
+from tasks.body.blobs.model import bones_of_voxels, make_model
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tasks.pose_fitting import fit_poses, fitted_blobs
 from tests.tube_figures import GRID, figure_of_tubes, model_of

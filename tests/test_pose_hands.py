@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tasks.body.anatomy.bones import BONES, rest_pose
-from tasks.geometry.blob_fitting import fit_frame
+from tasks.body.blobs.fitting import fit_frame
+from tasks.body.blobs.samples import draw_samples
 from tasks.geometry.limb_search import LIMBS, reach_for
-from tasks.geometry.voxel_samples import draw_samples
 from tasks.geometry.voxels import encode_runs, take_frame
 from tasks.pose_hands import look_for_hands
 from tasks.pose_passes import Fitting, PoseSettings

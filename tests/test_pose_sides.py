@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tasks.body.anatomy.bones import BONES, rest_pose
-from tasks.geometry.blob_fitting import FitSettings, fit_frame
-from tasks.geometry.fit_model import middles
+from tasks.body.blobs.fitting import FitSettings, fit_frame
+from tasks.body.blobs.model import middles
+from tasks.body.blobs.samples import draw_samples
 from tasks.geometry.limb_search import LIMBS, reach_for
-from tasks.geometry.voxel_samples import draw_samples
 from tasks.geometry.voxels import encode_runs, take_frame
 from tasks.pose_passes import Fitting, PoseSettings
 from tasks.pose_sides import tell_sides

@@ -5,7 +5,7 @@ import pytest
 
 from tasks.body.anatomy.bones import BONES
 from tasks.body.anatomy.colors import color_cells
-from tasks.geometry.voxel_samples import draw_samples, learn_looks
+from tasks.body.blobs.samples import draw_samples, learn_looks
 from tasks.geometry.voxels import encode_runs
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.geometry.fit_model import bones_of_voxels, make_model
+from tasks.body.blobs.model import bones_of_voxels, make_model
 from tasks.geometry.voxels import VoxelGrid, voxel_centers, voxel_index
 
 GRID = VoxelGrid((-1.0, 0.01, -0.5), 0.02, (100, 92, 50))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONES, PROXIMAL, Floats, Pose, place_bones
-from tasks.geometry.blobs import Blobs, make_blobs, place_blobs
+from tasks.body.blobs.blobs import Blobs, make_blobs, place_blobs
 
 _B = {name: k for k, name in enumerate(BONES)}
 

@@ -23,9 +23,9 @@ from tasks.body.anatomy.bones import (
     place_joints,
     solve,
 )
-from tasks.geometry.blobs import Blobs, Voxels, place_blobs, share_out
-from tasks.geometry.fit_model import FitModel
-from tasks.geometry.joint_centers import CenterSettings, Evidence, move_centers
+from tasks.body.blobs.blobs import Blobs, Voxels, place_blobs, share_out
+from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
+from tasks.body.blobs.model import FitModel
 from tasks.kernels import njit
 
 

@@ -1,0 +1,1 @@
+"""The joint fit of one frame: bones as blobs, one least-squares problem."""

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.geometry.extremities import (
+from tasks.body.extremities.candidates import Candidates
+from tasks.body.extremities.places import (
     ExtremitySettings,
     _above_necks,
     find_extremities,
     initial_places,
 )
-from tasks.geometry.extremity_candidates import Candidates
 from tests.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
 
 RATE_HZ = 30.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame
-from tasks.geometry.foot_search import (
+from tasks.body.extremities.feet import (
     FootSettings,
     _find_low,
     choose_feet,

@@ -4,7 +4,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
-from tasks.geometry.surface_cells import _find_neighbors, find_ends, gather_cells, sum_balls
+from tasks.body.extremities.cells import _find_neighbors, find_ends, gather_cells, sum_balls
 
 SIZE_M = 0.02
 

@@ -27,11 +27,11 @@ from tasks.body.anatomy.segments import ORIGINS, local_systems, place_ellipsoids
 from tasks.body.anatomy.shape import measure_body
 from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.extremities.places import Extremities, find_extremities, hand_ends
 from tasks.body.joint_tracks import JointTrackSettings, track_stature
 from tasks.capture_films import grid_of
 from tasks.final_labeling import label_frame, make_body_fields
 from tasks.geometry.bone_fields import carry_back
-from tasks.geometry.extremities import Extremities, find_extremities, hand_ends
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, find_initial_model, model_from_joints

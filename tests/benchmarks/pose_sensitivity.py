@@ -13,9 +13,9 @@ import numpy as np
 
 from storage.schema import JOINTS
 from tasks.body.anatomy.skin import SurfaceFrame
+from tasks.body.extremities.places import Extremities, ExtremitySettings, find_extremities
 from tasks.body.joint_tracks import track_stature
 from tasks.body.pose_fitting import cues_of
-from tasks.geometry.extremities import Extremities, ExtremitySettings, find_extremities
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.initial_model import InitialModel, InitialModelSettings, find_initial_model
 from tasks.pose_fitting import PoseSettings, fit_poses

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.skin import NO_CAMERA, SkinModel, SurfaceFrame
-from tasks.geometry.surface_cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
+from tasks.body.extremities.cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
 from tasks.kernels import njit
 
 Floats = NDArray[np.float64]

@@ -22,14 +22,14 @@ from tasks.body.anatomy.skin import (
     find_hands,
     learn_skin,
 )
-from tasks.geometry.extremity_candidates import (
+from tasks.body.extremities.candidates import (
     Candidates,
     CandidateSettings,
     find_candidates,
     measure_references,
 )
-from tasks.geometry.extremity_paths import Motion, best_paths
-from tasks.geometry.foot_search import FootSettings, choose_feet, find_feet_of, learn_feet
+from tasks.body.extremities.feet import FootSettings, choose_feet, find_feet_of, learn_feet
+from tasks.body.extremities.paths import Motion, best_paths
 from tasks.geometry.threads import side_by_side
 
 Floats = NDArray[np.float64]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
 from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame, separability
-from tasks.geometry.extremity_candidates import find_lumps
-from tasks.geometry.extremity_paths import Motion, best_paths
-from tasks.geometry.surface_cells import gather_cells
+from tasks.body.extremities.candidates import find_lumps
+from tasks.body.extremities.cells import gather_cells
+from tasks.body.extremities.paths import Motion, best_paths
 from tasks.kernels import njit
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Where face, hands and feet are, over the whole take."""

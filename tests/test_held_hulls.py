@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.held_hulls import (
+from tasks.body.initial.held_hulls import (
     OWN,
     PUT_BACK,
     beyond_others,

@@ -8,18 +8,18 @@ from storage.formats.capture.capture import read_capture
 from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import open_video, read_blocks
 from storage.schema import JOINTS
-from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.geometry.background import make_background
-from tasks.geometry.choreography import freely
-from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
-from tasks.initial_model import (
+from tasks.body.initial.search import (
     InitialModelSettings,
     draw_initial_model,
     find_initial_model,
     label_from_joints,
     model_from_joints,
 )
+from tasks.carving import CarvingSettings, carve_visual_hull
+from tasks.geometry.background import make_background
+from tasks.geometry.choreography import freely
+from tasks.geometry.projection import Projection
+from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
 from tasks.silhouettes import extract_silhouettes
 from tasks.studio import TK, generate_performance
 from tests.initial_figures import (

@@ -5,7 +5,7 @@ import pytest
 
 from storage.schema import JOINTS
 from tasks.body.anatomy.nearest_bones import complete_joints, label_points
-from tasks.geometry.initial_shape import Trunk, lift_hips, measure_arms
+from tasks.body.initial.arms import Trunk, lift_hips, measure_arms
 from tasks.geometry.voxels import voxel_centers
 from tests.initial_figures import GRID, VOXEL, about_y, figure_of, stretched_body, with_arms
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.initial_shape_legs import find_feet, find_fork, measure_depths, measure_leg
+from tasks.body.initial.legs import find_feet, find_fork, measure_depths, measure_leg
 
 ORIGIN = np.array([-0.5, 0.01, -0.5])
 CENTER = np.stack(np.meshgrid(*(np.arange(100),) * 3, indexing="ij"), -1) * 0.01 + ORIGIN

@@ -8,8 +8,8 @@ import pytest
 
 from storage.errors import InputError
 from storage.schema import JOINTS
+from tasks.body.initial.search import InitialModel
 from tasks.body.pose_fitting import _check_measurable, _labels_to_carry
-from tasks.initial_model import InitialModel
 from tests.box_frames import Frames
 from tests.conftest import swaying_body
 

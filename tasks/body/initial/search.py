@@ -18,10 +18,10 @@ from scipy.spatial import KDTree
 from storage.errors import InputError
 from storage.schema import JOINTS
 from tasks.body.anatomy.nearest_bones import NEEDED, complete_joints, label_points
-from tasks.geometry.initial_shape_joints import bones_inside, find_joints
+from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
+from tasks.body.initial.joints import bones_inside, find_joints
 from tasks.geometry.initial_shape_picture import draw_from
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
-from tasks.initial_frames import WAY_OUT, InitialModelSettings, best_frame
 
 
 @dataclass(frozen=True, eq=False)

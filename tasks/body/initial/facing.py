@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.initial_shape import Arms, Points, Trunk
+from tasks.body.initial.arms import Arms, Points, Trunk
 
 
 def vote_facing(

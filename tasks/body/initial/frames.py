@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from tasks.geometry.doubts import cut_off_at
-from tasks.geometry.held_hulls import (
+from tasks.body.initial.arms import Arms, measure_arms, missing_reach
+from tasks.body.initial.held_hulls import (
     OWN,
     beyond_others,
     farthest_lost,
@@ -21,7 +21,7 @@ from tasks.geometry.held_hulls import (
     held_crop,
     pieces_of_body,
 )
-from tasks.geometry.initial_shape import Arms, measure_arms, missing_reach
+from tasks.geometry.doubts import cut_off_at
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tasks.geometry.initial_shape import (
+from tasks.body.initial.arms import (
     FOREARM_SHARE,
     HIP_SHARE,
     SHOULDER_SHARE,
@@ -19,8 +19,8 @@ from tasks.geometry.initial_shape import (
     measure_trunk,
     missing_reach,
 )
-from tasks.geometry.initial_shape_facing import vote_facing
-from tasks.geometry.initial_shape_legs import (
+from tasks.body.initial.facing import vote_facing
+from tasks.body.initial.legs import (
     ANKLE_HEIGHT,
     Depths,
     Leg,

@@ -1,0 +1,1 @@
+"""The joints that a take begins with, read off a hull's shape."""

@@ -9,9 +9,9 @@ from tasks.body.anatomy.nearest_bones import (
     is_limb,
     label_points,
 )
-from tasks.final_labeling import label_carried, make_body_fields
-from tasks.geometry.bone_fields import carry_back, make_fields, nearest_bones
-from tasks.geometry.label_regions import clean_labels
+from tasks.body.labels.fields import carry_back, make_fields, nearest_bones
+from tasks.body.labels.final import label_carried, make_body_fields
+from tasks.body.labels.regions import clean_labels
 from tasks.geometry.voxel_lines import lines_of_index
 
 BONES, MOST = 4, 3

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from tasks import final_labeling
-from tasks.geometry import label_regions, nearest_voxels
+from tasks.body.labels import final as final_labeling
+from tasks.body.labels import nearest as nearest_voxels
+from tasks.body.labels import regions as label_regions
 from tasks.geometry.voxel_lines import VoxelLines, lines_of_index
 from tests.naive_voxels import face_neighbors
 

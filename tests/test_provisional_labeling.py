@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks import provisional_labeling as provisional
+from tasks.body.labels import provisional
 from tasks.geometry.voxel_lines import lines_of_index
 from tests.naive_voxels import face_neighbors
 

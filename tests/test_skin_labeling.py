@@ -4,8 +4,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from tasks import skin_labeling
 from tasks.body.anatomy.skin import NO_CAMERA
+from tasks.body.labels import skin as skin_labeling
 from tasks.geometry.voxel_lines import lines_of_index
 
 

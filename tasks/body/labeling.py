@@ -15,15 +15,15 @@ from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.formats.capture.capture import read_capture
 from tasks.body.joint_tracks import ARM_LABELS, move_to_ends, track_stature
+from tasks.body.labels.fields import BoneFields
+from tasks.body.labels.final import label_carried, label_frame
+from tasks.body.labels.provisional import label_provisionally
+from tasks.body.labels.skin import label_skin, skin_table
 from tasks.body.pose_fitting import PosingSettings, Refs
 from tasks.capture_films import grid_of
-from tasks.final_labeling import label_carried, label_frame
-from tasks.geometry.bone_fields import BoneFields
 from tasks.geometry.threads import THREADS, side_by_side
 from tasks.geometry.voxel_lines import VoxelLines, labeled_centers, lines_of
 from tasks.geometry.voxels import voxel_centers
-from tasks.provisional_labeling import label_provisionally
-from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 

@@ -30,15 +30,15 @@ from tasks.body.doubts import DoubtSettings, find_doubts
 from tasks.body.extremities.places import Extremities, find_extremities, hand_ends
 from tasks.body.initial.search import InitialModel, find_initial_model, model_from_joints
 from tasks.body.joint_tracks import JointTrackSettings, track_stature
+from tasks.body.labels.fields import carry_back
+from tasks.body.labels.final import label_frame, make_body_fields
+from tasks.body.labels.provisional import ProvisionalSettings, label_provisionally
+from tasks.body.labels.skin import label_skin, skin_table
 from tasks.capture_films import grid_of
-from tasks.final_labeling import label_frame, make_body_fields
-from tasks.geometry.bone_fields import carry_back
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
 from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
-from tasks.provisional_labeling import ProvisionalSettings, label_provisionally
-from tasks.skin_labeling import label_skin, skin_table
 from tasks.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)

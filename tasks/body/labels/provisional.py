@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.label_regions import clean_labels
-from tasks.geometry.nearest_voxels import copy_nearest
+from tasks.body.labels.nearest import copy_nearest
+from tasks.body.labels.regions import clean_labels
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.kernels import njit
 

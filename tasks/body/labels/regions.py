@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.nearest_voxels import fill_from_nearest
+from tasks.body.labels.nearest import fill_from_nearest
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.kernels import njit
 

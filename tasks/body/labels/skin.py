@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.skin import LEAST_RATIO, NO_CAMERA
-from tasks.geometry.label_regions import first_of
+from tasks.body.labels.regions import first_of
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
 from tasks.kernels import njit

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tasks.body.anatomy.bones import BONES, SEGMENT
 from tasks.body.anatomy.nearest_bones import body_size, complete_joints, is_limb
 from tasks.body.blobs.model import bones_of_voxels
-from tasks.geometry.bone_fields import BoneFields, make_fields, nearest_bones
-from tasks.geometry.label_regions import clean_labels
+from tasks.body.labels.fields import BoneFields, make_fields, nearest_bones
+from tasks.body.labels.regions import clean_labels
 from tasks.geometry.voxel_lines import VoxelLines
 from tasks.kernels import njit
 

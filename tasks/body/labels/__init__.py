@@ -1,0 +1,1 @@
+"""A segment for every voxel of a frame."""

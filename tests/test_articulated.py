@@ -6,7 +6,7 @@ import pytest
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
 from tasks.body.blobs import blobs
-from tasks.geometry import limb_search
+from tasks.body.poses import limbs as limb_search
 
 B = BONES.index
 

@@ -3,9 +3,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from storage.schema import JOINTS
-from tasks import paper_fitting
 from tasks.body.anatomy import segments as tree
 from tasks.body.anatomy import shape as body_model
+from tasks.body.poses import paper as paper_fitting
 from tests.conftest import swaying_body
 
 RATE_HZ, STATURE_M = 30.0, 1.6

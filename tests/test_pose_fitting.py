@@ -9,8 +9,8 @@ from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
 from tasks.body.blobs import blobs
 from tasks.body.blobs.fitting import FitSettings, Target, fit_frame, miss, weigh, worth
 from tasks.body.blobs.model import bones_of_voxels, make_model
+from tasks.body.poses.joint import fit_poses, fitted_blobs
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
-from tasks.pose_fitting import fit_poses, fitted_blobs
 from tests.tube_figures import GRID, figure_of_tubes, model_of
 
 B = BONES.index

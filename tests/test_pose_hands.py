@@ -8,10 +8,10 @@ import pytest
 from tasks.body.anatomy.bones import BONES, rest_pose
 from tasks.body.blobs.fitting import fit_frame
 from tasks.body.blobs.samples import draw_samples
-from tasks.geometry.limb_search import LIMBS, reach_for
+from tasks.body.poses.hands import look_for_hands
+from tasks.body.poses.limbs import LIMBS, reach_for
+from tasks.body.poses.passes import Fitting, PoseSettings
 from tasks.geometry.voxels import encode_runs, take_frame
-from tasks.pose_hands import look_for_hands
-from tasks.pose_passes import Fitting, PoseSettings
 from tests.tube_figures import GRID, figure_of_tubes, model_of
 
 RATE, FRAMES = 20.0, 8  # 0.1 s are two frames

@@ -9,10 +9,10 @@ from tasks.body.anatomy.bones import BONES, rest_pose
 from tasks.body.blobs.fitting import FitSettings, fit_frame
 from tasks.body.blobs.model import middles
 from tasks.body.blobs.samples import draw_samples
-from tasks.geometry.limb_search import LIMBS, reach_for
+from tasks.body.poses.limbs import LIMBS, reach_for
+from tasks.body.poses.passes import Fitting, PoseSettings
+from tasks.body.poses.sides import tell_sides
 from tasks.geometry.voxels import encode_runs, take_frame
-from tasks.pose_passes import Fitting, PoseSettings
-from tasks.pose_sides import tell_sides
 from tests.tube_figures import GRID, figure_of_tubes, model_of
 
 BENDS = (0.0, 0.9, 1.8, 2.5, 2.5, 2.5, 2.5, 2.5)  # forearms come in over the shoulders
@@ -101,7 +101,7 @@ def test_a_long_stretch_is_looked_at_in_a_frame_a_second(crossed, monkeypatch):
         looked.append(frames.tolist())
         return {}
 
-    monkeypatch.setattr("tasks.pose_sides._exchange", note)
+    monkeypatch.setattr("tasks.body.poses.sides._exchange", note)
     tell_sides(slow, right)
     tell_sides(replace(slow, rate_hz=20.0), right)
     long, short = looked[0], looked[-1]

@@ -34,11 +34,11 @@ from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import label_frame, make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings, label_provisionally
 from tasks.body.labels.skin import label_skin, skin_table
+from tasks.body.poses.joint import PoseSettings, fit_poses, fitted_blobs
+from tasks.body.poses.paper import PaperFitSettings, fit_frame, join_poses
 from tasks.capture_films import grid_of
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
-from tasks.paper_fitting import PaperFitSettings, fit_frame, join_poses
-from tasks.pose_fitting import PoseSettings, fit_poses, fitted_blobs
 from tasks.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)

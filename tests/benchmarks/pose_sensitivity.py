@@ -17,8 +17,8 @@ from tasks.body.extremities.places import Extremities, ExtremitySettings, find_e
 from tasks.body.initial.search import InitialModel, InitialModelSettings, find_initial_model
 from tasks.body.joint_tracks import track_stature
 from tasks.body.pose_fitting import cues_of
+from tasks.body.poses.joint import PoseSettings, fit_poses
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
-from tasks.pose_fitting import PoseSettings, fit_poses
 from tests.benchmarks.pose_runs import Voxels
 from tests.benchmarks.pose_scores import joint_errors, score_joints
 

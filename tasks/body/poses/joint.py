@@ -31,10 +31,10 @@ from tasks.body.blobs.fitting import (
 )
 from tasks.body.blobs.model import FitModel, bones_of_voxels, make_model, place_model
 from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
+from tasks.body.poses.hands import look_for_hands
+from tasks.body.poses.passes import Fitting, PoseSettings, follow, merge, settle, settle_centers
+from tasks.body.poses.sides import tell_sides
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
-from tasks.pose_hands import look_for_hands
-from tasks.pose_passes import Fitting, PoseSettings, follow, merge, settle, settle_centers
-from tasks.pose_sides import tell_sides
 
 Floats = NDArray[np.float64]
 

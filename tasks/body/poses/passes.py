@@ -24,7 +24,7 @@ from tasks.body.blobs.fitting import (
 )
 from tasks.body.blobs.model import FitModel, middles
 from tasks.body.blobs.samples import Drawn
-from tasks.geometry.limb_search import LIMBS, Limb, choose_fits, reach_for
+from tasks.body.poses.limbs import LIMBS, Limb, choose_fits, reach_for
 from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 

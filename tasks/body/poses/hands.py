@@ -14,10 +14,10 @@ import numpy as np
 from tasks.body.anatomy.bones import Floats, place_bones
 from tasks.body.blobs.fitting import Fit
 from tasks.body.blobs.model import place_model
-from tasks.geometry.limb_search import LIMBS
+from tasks.body.poses.limbs import LIMBS
+from tasks.body.poses.passes import Fitting, reach_best
 from tasks.geometry.signals import runs
 from tasks.geometry.threads import side_by_side
-from tasks.pose_passes import Fitting, reach_best
 
 Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
 

@@ -1,0 +1,1 @@
+"""The poses of a whole take, by either method."""

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.video import Video, open_video, read_blocks
+from tasks.capture.backgrounds import Background, measure_gain, smooth
+from tasks.capture.films import grid_of, of_camera, projection_of, read_backgrounds
 from tasks.capture_agreement import Agreement, check_agreement
 from tasks.capture_checks import draw_capture_checks, draw_silhouette
-from tasks.capture_films import grid_of, of_camera, projection_of, read_backgrounds
-from tasks.geometry.background import Background, measure_gain, smooth
 from tasks.silhouettes import extract_silhouettes
 
 _LOOKED_AT = 8

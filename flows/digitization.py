@@ -40,8 +40,8 @@ from tasks.cached import (
     label_block_once,
     model_take_once,
 )
+from tasks.capture.films import block_ranges
 from tasks.capture_agreement import check_take
-from tasks.capture_films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.fingerprints import fingerprint

@@ -33,7 +33,7 @@ from storage.schema import JOINTS
 from tasks.body.anatomy.segments import pose_in_parents
 from tasks.body.anatomy.shape import measure_body
 from tasks.body.joint_tracks import JointTrackSettings, build_joint_track, track_stature
-from tasks.capture_films import grid_of, largest_image
+from tasks.capture.films import grid_of, largest_image
 from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
 from tasks.retrieval.normalization import joints_present
 

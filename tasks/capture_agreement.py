@@ -19,7 +19,7 @@ from storage.blocks import read_block
 from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.reading import listed
-from tasks.capture_films import grid_of, largest_image, projection_of
+from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.geometry.hull_bounds import fitting_box, grid_corners, is_inside, main_parts
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.formats.capture.capture import read_capture
-from tasks.capture_films import grid_of, largest_image, projection_of
+from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.silhouette_pixels import place_pixels
 from tasks.geometry.threads import side_by_side

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture_toml import Volume
 from storage.schema import JOINTS
-from tasks.capture_films import projection_of
+from tasks.capture.films import projection_of
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.filming import RingSettings, generate_cameras, stretch_arms_first
 from tasks.geometry.bodies import BodySurface, pose_surface

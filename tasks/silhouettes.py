@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import write_block
 from storage.formats.capture.capture import read_capture
-from tasks.capture_films import largest_image, read_backgrounds, read_films
-from tasks.geometry.background import Background, measure_gain, smooth
+from tasks.capture.backgrounds import Background, measure_gain, smooth
+from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.geometry.outlines import draw_outline
 from tasks.geometry.silhouette_pixels import take_pixels
 from tasks.geometry.specks import clean_region
@@ -118,7 +118,7 @@ def extract_silhouettes(
     frames : (time, row, column, 3) uint8
         RGB, as filmed; any block of a take.
     background
-        Of the same camera: `tasks.geometry.background.make_background`.
+        Of the same camera: `tasks.capture.backgrounds.make_background`.
     settings
         The rule and its numbers.
 

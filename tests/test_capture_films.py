@@ -7,7 +7,7 @@ import pytest
 from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
-from tasks import capture_films
+from tasks.capture import films as capture_films
 from tasks.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tasks.geometry.choreography import okuri48
 from tasks.studio import TK, generate_performance

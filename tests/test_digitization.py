@@ -16,7 +16,7 @@ from storage.formats.capture.capture import read_capture
 from storage.places import list_files
 from storage.publication import collect_garbage, verify_take
 from storage.schema import JOINTS
-from tasks import capture_films
+from tasks.capture import films as capture_films
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.coloring import ColoringSettings, color_surface
 from tasks.filming import (
@@ -55,7 +55,7 @@ KILLED = """
 import os, signal, sys
 from flows import digitization, ingestion
 from storage import blocks
-from tasks import capture_films
+from tasks.capture import films as capture_films
 capture_films._BLOCK_FRAMES = 8
 capture, archive, moment = sys.argv[1:]
 write, publish = blocks.write_file, digitization.publish_take

@@ -15,8 +15,8 @@ from tasks.body.initial.search import (
     label_from_joints,
     model_from_joints,
 )
+from tasks.capture.backgrounds import make_background
 from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.geometry.background import make_background
 from tasks.geometry.choreography import freely
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers

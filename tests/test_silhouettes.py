@@ -8,8 +8,8 @@ import pytest
 
 from storage.formats.pictures.video import open_video, read_frames
 from tasks import silhouettes as stage
-from tasks.geometry import background as backgrounds
-from tasks.geometry.background import Background, make_background, measure_gain, smooth
+from tasks.capture import backgrounds
+from tasks.capture.backgrounds import Background, make_background, measure_gain, smooth
 from tasks.geometry.outlines import draw_outline
 from tasks.geometry.specks import clean_region
 from tasks.silhouettes import SilhouetteSettings, extract_silhouettes

@@ -20,7 +20,7 @@ from tasks.body.labels.final import label_carried, label_frame
 from tasks.body.labels.provisional import label_provisionally
 from tasks.body.labels.skin import label_skin, skin_table
 from tasks.body.pose_fitting import PosingSettings, Refs
-from tasks.capture_films import grid_of
+from tasks.capture.films import grid_of
 from tasks.geometry.threads import THREADS, side_by_side
 from tasks.geometry.voxel_lines import VoxelLines, labeled_centers, lines_of
 from tasks.geometry.voxels import voxel_centers

@@ -36,7 +36,7 @@ from tasks.body.labels.provisional import ProvisionalSettings, label_provisional
 from tasks.body.labels.skin import label_skin, skin_table
 from tasks.body.poses.joint import PoseSettings, fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperFitSettings, fit_frame, join_poses
-from tasks.capture_films import grid_of
+from tasks.capture.films import grid_of
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.voxel_frames import VoxelFrames

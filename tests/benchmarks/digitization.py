@@ -28,7 +28,7 @@ from storage.recordings import digest_capture
 from tasks.assembling import assemble_take
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
-from tasks.capture_films import block_ranges
+from tasks.capture.films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first

@@ -17,7 +17,7 @@ from storage.places import Place
 from storage.recordings import digest_capture
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
-from tasks.capture_films import block_ranges, grid_of
+from tasks.capture.films import block_ranges, grid_of
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.geometry.voxels import voxel_centers

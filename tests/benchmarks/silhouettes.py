@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.background import make_background
+from tasks.capture.backgrounds import make_background
 from tasks.silhouettes import RULES, SilhouetteSettings, extract_silhouettes
 
 CAMERAS, FRAMES, ROWS, COLUMNS = 8, 30, 240, 320

@@ -17,7 +17,7 @@ from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import Capture
 from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
-from tasks.geometry.background import Background, make_background
+from tasks.capture.backgrounds import Background, make_background
 from tasks.geometry.projection import Projection
 from tasks.geometry.threads import THREADS
 from tasks.geometry.voxels import VoxelGrid, volume_grid

@@ -1,0 +1,1 @@
+"""What the stages read of a capture: films and backgrounds."""

@@ -41,8 +41,8 @@ from tasks.cached import (
     model_take_once,
 )
 from tasks.capture.films import block_ranges
-from tasks.capture_agreement import check_take
 from tasks.carving import CarvingSettings, carve_block
+from tasks.checks.agreement import check_take
 from tasks.coloring import ColoringSettings, color_block
 from tasks.fingerprints import fingerprint
 from tasks.importing import publish_take

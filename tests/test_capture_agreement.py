@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tasks.capture_agreement import AgreementSettings, check_agreement
-from tasks.geometry.hull_bounds import fitting_box, main_parts
+from tasks.checks.agreement import AgreementSettings, check_agreement
+from tasks.checks.bounds import fitting_box, main_parts
+from tasks.checks.votes import collect_votes, hull_of, make_scene
 from tasks.geometry.projection import Projection
-from tasks.geometry.votes import collect_votes, hull_of, make_scene
 from tasks.geometry.voxels import volume_grid
 from tests.formats.calibration_files import looking_at
 

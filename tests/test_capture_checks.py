@@ -6,7 +6,7 @@ import pytest
 
 from storage.formats.capture.capture import read_capture
 from storage.formats.capture.capture_toml import Volume
-from tasks.capture_checks import CheckSettings, draw_camera_check, draw_capture_checks
+from tasks.checks.pictures import CheckSettings, draw_camera_check, draw_capture_checks
 from tests.formats.calibration_files import looking_at
 
 VOLUME = Volume((0.1, 1.0, -0.2), (1.6, 2.0, 1.2), 0.01)

@@ -8,7 +8,7 @@ import pytest
 
 from flows.command.main import main
 from storage.formats.pictures.video import VIDEO_SUFFIXES
-from tasks.capture_checks import draw_silhouette
+from tasks.checks.pictures import draw_silhouette
 from tasks.filming import (
     FilmSettings,
     RingSettings,

@@ -321,7 +321,7 @@ def _collect_garbage(options: argparse.Namespace) -> int:
 
 def _doctor(options: argparse.Namespace) -> int:
     if options.captures:
-        from flows.capture_doctor import examine_captures
+        from tasks.checks.examination import examine_captures
 
         into = Path(options.out) if options.out else None
         good = examine_captures(options.captures, into, printing.print_line, printing.say)

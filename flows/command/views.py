@@ -103,7 +103,7 @@ def plan(options: argparse.Namespace) -> None:
     """
     from storage.errors import InputError
     from storage.formats.capture.camera_plan import read_camera_plan
-    from tasks.planning import judge_layout, report_layout
+    from tasks.checks.layouts import judge_layout, report_layout
 
     cameras, volume, notes = read_camera_plan(Path(options.cameras))
     if len(cameras) < 3:

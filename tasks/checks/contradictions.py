@@ -12,9 +12,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.hull_bounds import grid_corners
+from tasks.checks.bounds import grid_corners
+from tasks.checks.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
 from tasks.geometry.projection import Projection, camera_centers
-from tasks.geometry.votes import Scene, Votes, collect_votes, compare_hull, hull_of, make_scene
 from tasks.geometry.voxels import VoxelGrid
 
 _MOST_TRIALS = 10  # exchanges of films, all of those of five cameras; 0.2 s each
@@ -97,7 +97,7 @@ def find_to_blame(
     worst
         What the hull of all explains of one silhouette at least.
     consistent, guilt
-        As of `tasks.capture_agreement.AgreementSettings`.
+        As of `tasks.checks.agreement.AgreementSettings`.
     """
     for count in (1, 2):
         found = []

@@ -13,8 +13,8 @@ from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.video import Video, open_video, read_blocks
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import grid_of, of_camera, projection_of, read_backgrounds
-from tasks.capture_agreement import Agreement, check_agreement
-from tasks.capture_checks import draw_capture_checks, draw_silhouette
+from tasks.checks.agreement import Agreement, check_agreement
+from tasks.checks.pictures import draw_capture_checks, draw_silhouette
 from tasks.silhouettes import extract_silhouettes
 
 _LOOKED_AT = 8

@@ -2,7 +2,7 @@
 
 A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
 are of one performer and the cameras stand where the calibration says. The share of a silhouette
-that the hull *explains* tells how far that holds; `tasks.geometry.witnesses` finds who is to blame
+that the hull *explains* tells how far that holds; `tasks.checks.contradictions` finds who is to blame
 where it does not. Here it is said in words, and what is to be done.
 """
 
@@ -20,10 +20,8 @@ from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.reading import listed
 from tasks.capture.films import grid_of, largest_image, projection_of
-from tasks.geometry.hull_bounds import fitting_box, grid_corners, is_inside, main_parts
-from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import VoxelGrid
-from tasks.geometry.witnesses import (
+from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
+from tasks.checks.contradictions import (
     Witnesses,
     find_exchanged,
     find_to_blame,
@@ -32,6 +30,8 @@ from tasks.geometry.witnesses import (
     share_explained,
     share_overlapped,
 )
+from tasks.geometry.projection import Projection
+from tasks.geometry.voxels import VoxelGrid
 
 _FRAMES_LOOKED_AT = 8
 

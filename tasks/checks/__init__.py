@@ -1,0 +1,1 @@
+"""Whether a capture, or a layout of cameras, can be digitized."""

@@ -44,7 +44,7 @@ from tasks.capture.films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.checks.agreement import check_take
 from tasks.coloring import ColoringSettings, color_block
-from tasks.fingerprints import fingerprint
+from tasks.engine.fingerprints import fingerprint
 from tasks.importing import publish_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.voxel_exporting import picture_initial

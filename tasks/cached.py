@@ -21,7 +21,7 @@ from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import fit_take, model_take
 from tasks.carving import carve_block
 from tasks.coloring import color_block
-from tasks.fingerprints import fingerprint
+from tasks.engine.fingerprints import fingerprint
 from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
 from tasks.silhouettes import extract_block

@@ -21,9 +21,9 @@ from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.formats.capture.capture import read_capture
 from tasks.capture.films import grid_of, largest_image, projection_of
+from tasks.engine.threads import side_by_side
 from tasks.geometry.box_carving import MOST_CAMERAS, carve_boxes
 from tasks.geometry.projection import Projection
-from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxel_bits import read_bits
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, join_runs
 

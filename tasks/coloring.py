@@ -20,9 +20,10 @@ from storage import open_archive
 from storage.blocks import read_block, write_block
 from storage.formats.capture.capture import read_capture
 from tasks.capture.films import grid_of, largest_image, projection_of
+from tasks.engine.kernels import njit
+from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.silhouette_pixels import place_pixels
-from tasks.geometry.threads import side_by_side
 from tasks.geometry.visibility import REACH, hide_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
@@ -32,7 +33,6 @@ from tasks.geometry.voxels import (
     take_frame,
     voxel_centers,
 )
-from tasks.kernels import njit
 
 NO_CAMERA = 255
 """The camera of a voxel that no camera sees."""

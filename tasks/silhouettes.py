@@ -28,11 +28,11 @@ from storage.blocks import write_block
 from storage.formats.capture.capture import read_capture
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import largest_image, read_backgrounds, read_films
+from tasks.engine.kernels import njit
+from tasks.engine.threads import side_by_side
 from tasks.geometry.outlines import draw_outline
 from tasks.geometry.silhouette_pixels import take_pixels
 from tasks.geometry.specks import clean_region
-from tasks.geometry.threads import side_by_side
-from tasks.kernels import njit
 
 RULES = ("chroma", "crcb")
 

@@ -17,7 +17,7 @@ from storage.archive import Take
 from storage.errors import InputError, UnknownNameError
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
-from tasks.geometry.threads import THREADS
+from tasks.engine.threads import THREADS
 from tasks.novel_views import aim_camera, render_view
 
 SEGMENT_COLORS = np.array(

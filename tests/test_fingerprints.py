@@ -1,4 +1,4 @@
-"""Tests of tasks.fingerprints."""
+"""Tests of tasks.engine.fingerprints."""
 
 import ast
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks import fingerprints
+from tasks.engine import fingerprints
 from tasks.indexing import index_take
 from tests.conftest import ROOT
 

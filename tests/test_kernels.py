@@ -1,4 +1,4 @@
-"""Tests of tasks.kernels: small packages of that name, started anew after an edit."""
+"""Tests of tasks.engine.kernels: small packages of that name, started anew after an edit."""
 
 import importlib
 import os
@@ -12,7 +12,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import tasks
-from tasks import kernels
+from tasks.engine import kernels
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.compiled
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.compiled
 FILES = {
     "calling": """
 from tasks.helping import ADDED, twice
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 @njit(cache=True, nogil=True)
 def call(number):
@@ -28,7 +28,7 @@ def call(number):
 """,
     "helping": """
 from tasks.constants import ADDED, FACTOR
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 @njit(cache=True, nogil=True)
 def twice(number):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tasks.geometry.threads import side_by_side
+from tasks.engine.threads import side_by_side
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 50, 333])

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.threads import side_by_side
 from tasks.geometry.doubts import is_cut_off, unexplained_share
 from tasks.geometry.signals import runs
-from tasks.geometry.threads import side_by_side
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
 from tasks.voxel_frames import VoxelFrames

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 from tasks.retrieval.normalization import DEFAULT_STATURE_M, measure_stature
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}

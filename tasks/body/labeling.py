@@ -21,7 +21,7 @@ from tasks.body.labels.provisional import label_provisionally
 from tasks.body.labels.skin import label_skin, skin_table
 from tasks.body.pose_fitting import PosingSettings, Refs
 from tasks.capture.films import grid_of
-from tasks.geometry.threads import THREADS, side_by_side
+from tasks.engine.threads import THREADS, side_by_side
 from tasks.geometry.voxel_lines import VoxelLines, labeled_centers, lines_of
 from tasks.geometry.voxels import voxel_centers
 from tasks.voxel_frames import VoxelFrames

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 _STEP = 3  # every third pixel of every third row says enough about the brightness of a frame
 _DARK, _CLIPPED = 3 * 20.0, 3 * 250.0

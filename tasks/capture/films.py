@@ -18,8 +18,8 @@ from storage.formats.capture.capture import Capture
 from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
 from tasks.capture.backgrounds import Background, make_background
+from tasks.engine.threads import THREADS
 from tasks.geometry.projection import Projection
-from tasks.geometry.threads import THREADS
 from tasks.geometry.voxels import VoxelGrid, volume_grid
 
 _Item = TypeVar("_Item")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.integral_images import count_pixels
 from tasks.geometry.lens_bounds import lens_table
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxel_bits import WORD
-from tasks.kernels import njit
 
 MOST_CAMERAS = 62  # the cameras that are undecided about a box are bits of one number
 _BOX = WORD  # voxels on a side of the boxes that carving starts with: none straddles words

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 _RADIUS = np.sqrt(0.75)  # of a voxel, to its corner
 _REACH = np.sqrt(2.75) + 1e-2  # from a voxel's center all through a neighbor; and rounding

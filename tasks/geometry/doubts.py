@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import LENGTH, VoxelLines, Z
-from tasks.kernels import njit
 
 _SPECKS = 3  # voxels that may touch a side
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 
 def count_pixels(

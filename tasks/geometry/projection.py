@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 _STRETCH = 1024  # points that are projected together: what is held of them stays near
 _WIDEST = 10.0  # 84.3 degrees from the axis; no bent lens is believed farther out

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 NEAR_M = 0.05
 """A triangle with a corner nearer to the camera than this is not drawn."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 
 def take_pixels(packed: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:

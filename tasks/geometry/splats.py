@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 BALL = 0.9
 """Radius in voxels: a surface of voxels that leans in all axes has gaps up to 0.82."""

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.clear_lines import clear_shares
-from tasks.kernels import njit
 
 REACH = 2
 """Voxels around a voxel that its normal is taken from."""

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.voxels import VoxelRuns
-from tasks.kernels import njit
 
 WORD = 32
 """Voxels along z in a word of bits."""

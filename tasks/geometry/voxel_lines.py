@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns
-from tasks.kernels import njit
 
 X, Y, Z, LENGTH, FIRST = range(5)
 """What is known of a line: the index in the grid of its first voxel, how many voxels it has, and

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 _MOST_VOXELS = 2**32  # the number of a voxel is stored in 32 bits
 _LONGEST_SIDE = 2**16 - 1  # the length of a run in 16

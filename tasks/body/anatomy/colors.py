@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 CHROMA_STEP = 0.02
 LIGHT_STEP = 32

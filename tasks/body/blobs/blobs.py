@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
 from tasks.body.anatomy.bones import over, times
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from tasks.body.anatomy.bones import (
 from tasks.body.blobs.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 from tasks.body.blobs.model import FitModel
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tasks.body.anatomy.bones import BONES
 from tasks.body.anatomy.colors import COLORS, color_cells, learn_likeness
 from tasks.body.anatomy.skin import NO_CAMERA
-from tasks.geometry.threads import side_by_side
+from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import VoxelRuns, voxel_index
 
 Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.skin import NO_CAMERA, SkinModel, SurfaceFrame
 from tasks.body.extremities.cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame, separability
 from tasks.body.extremities.candidates import find_lumps
 from tasks.body.extremities.cells import gather_cells
 from tasks.body.extremities.paths import Motion, best_paths
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
 

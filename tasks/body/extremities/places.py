@@ -30,7 +30,7 @@ from tasks.body.extremities.candidates import (
 )
 from tasks.body.extremities.feet import FootSettings, choose_feet, find_feet_of, learn_feet
 from tasks.body.extremities.paths import Motion, best_paths
-from tasks.geometry.threads import side_by_side
+from tasks.engine.threads import side_by_side
 
 Floats = NDArray[np.float64]
 

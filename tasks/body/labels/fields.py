@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
-from tasks.kernels import njit
 
 _CUBE = 8  # voxels of a side: so that few bones are near, and a line in it is short
 _NONE = 127 << 8  # a distance, and after it the bone: the least is the nearest, of equals the first

@@ -23,8 +23,8 @@ from tasks.body.anatomy.nearest_bones import body_size, complete_joints, is_limb
 from tasks.body.blobs.model import bones_of_voxels
 from tasks.body.labels.fields import BoneFields, make_fields, nearest_bones
 from tasks.body.labels.regions import clean_labels
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import VoxelLines
-from tasks.kernels import njit
 
 __all__ = ["clean_labels", "label_carried", "label_frame", "make_body_fields", "nearest_segments"]
 

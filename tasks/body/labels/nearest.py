@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
-from tasks.kernels import njit
 
 _REACH = 10  # columns within which they are looked at in the order of their distance
 _TOGETHER = 16  # lines in a box

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tasks.body.labels.nearest import copy_nearest
 from tasks.body.labels.regions import clean_labels
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
-from tasks.kernels import njit
 
 _IN_RING, _ENCLOSED, _LEFT = np.uint8(1), np.uint8(2), np.uint8(4)
 """Marks of a voxel: in the ring, between its own label, and no more of its first one."""

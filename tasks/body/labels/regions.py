@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.labels.nearest import fill_from_nearest
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
-from tasks.kernels import njit
 
 NOBODY = -1
 """The region of a voxel that is in none, and the neighbor where there is none."""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.skin import LEAST_RATIO, NO_CAMERA
 from tasks.body.labels.regions import first_of
+from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
-from tasks.kernels import njit
 from tasks.voxel_frames import VoxelFrames
 
 SKIN_LABELS = (1, 5, 7)

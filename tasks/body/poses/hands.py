@@ -16,8 +16,8 @@ from tasks.body.blobs.fitting import Fit
 from tasks.body.blobs.model import place_model
 from tasks.body.poses.limbs import LIMBS
 from tasks.body.poses.passes import Fitting, reach_best
+from tasks.engine.threads import side_by_side
 from tasks.geometry.signals import runs
-from tasks.geometry.threads import side_by_side
 
 Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.segments import PARENTS, SEGMENT_COUNT, BodyShape, carry_joints
-from tasks.kernels import njit
+from tasks.engine.kernels import njit
 
 _RADII_SQUARED = 4.0  # of the ellipsoid, in variances: two standard deviations
 

@@ -25,7 +25,7 @@ from tasks.body.blobs.fitting import (
 from tasks.body.blobs.model import FitModel, middles
 from tasks.body.blobs.samples import Drawn
 from tasks.body.poses.limbs import LIMBS, Limb, choose_fits, reach_for
-from tasks.geometry.threads import side_by_side
+from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 _CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand", "RFoot", "LFoot"))

@@ -19,7 +19,7 @@ from typing import Any
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-from tasks.fingerprints import source_files
+from tasks.engine.fingerprints import source_files
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -44,7 +44,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 
 def _digest_sources() -> dict[str, str]:
     """Return the digest of every file of ours, by the name of its module."""
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     digests = {}
     for package in ("tasks", "storage"):
         for path in (root / package).rglob("*.py"):

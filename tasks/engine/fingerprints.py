@@ -64,7 +64,7 @@ def _module_file(name: str) -> Path | None:
     """Find the file of a module of ours without importing it."""
     if name in sys.modules:
         return Path(inspect.getfile(sys.modules[name]))
-    stem = Path(__file__).parent.parent.joinpath(*name.split("."))
+    stem = Path(__file__).parents[2].joinpath(*name.split("."))
     return next((p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.is_file()), None)
 
 

@@ -1,0 +1,1 @@
+"""Kernels, threads, and names for the same computation."""

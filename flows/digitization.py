@@ -45,9 +45,9 @@ from tasks.carving import CarvingSettings, carve_block
 from tasks.checks.agreement import check_take
 from tasks.coloring import ColoringSettings, color_block
 from tasks.engine.fingerprints import fingerprint
+from tasks.exporting.voxels import picture_initial
 from tasks.importing import publish_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
-from tasks.voxel_exporting import picture_initial
 
 logger = logging.getLogger(__name__)
 

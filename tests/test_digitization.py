@@ -19,6 +19,7 @@ from storage.schema import JOINTS
 from tasks.capture import films as capture_films
 from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.coloring import ColoringSettings, color_surface
+from tasks.exporting.voxels import export_initial
 from tasks.filming import (
     FilmSettings,
     RingSettings,
@@ -30,7 +31,6 @@ from tasks.geometry.choreography import okuri48
 from tasks.geometry.voxels import decode_runs
 from tasks.silhouettes import extract_silhouettes
 from tasks.studio import TK, generate_performance
-from tasks.voxel_exporting import export_initial
 from tests.conftest import swaying_body
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow]

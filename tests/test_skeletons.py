@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.geometry.skeletons import (
+from tasks.exporting.skeletons import (
     TOLERANCE_M,
     Skeleton,
     fit_skeleton,

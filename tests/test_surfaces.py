@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.geometry.surfaces import SurfaceSettings, closed_surface, nearest_colors
+from tasks.exporting.surfaces import SurfaceSettings, closed_surface, nearest_colors
 
 RAW = SurfaceSettings(smoothing_steps=0)
 TOUCHING = {

@@ -15,7 +15,7 @@ from storage.archive import take_name
 from storage.formats.motion.writing import write_beside
 from storage.formats.pictures.pictures import write_png
 from storage.places import told
-from tasks.exporting import write_joint_track
+from tasks.exporting.joints import write_joint_track
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.rendering import draw_overlay, draw_stick_figures
 from tasks.retrieval.normalization import PARTS

@@ -251,7 +251,7 @@ def _answer(options: argparse.Namespace, settings: "SearchSettings") -> Any:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from tasks.exporting import export_take
+    from tasks.exporting.joints import export_take
 
     clip = parse_frames(options.frames) if options.frames else None
     try:

@@ -65,7 +65,7 @@ def export_voxels_or_segment(
     options: argparse.Namespace, clip: tuple[int, int] | None
 ) -> list[str] | None:
     """Export what is not joints where the options ask for it; return what was written."""
-    from tasks.voxel_exporting import export_initial, export_segment_motion, export_voxels
+    from tasks.exporting.voxels import export_initial, export_segment_motion, export_voxels
 
     suffix = Path(options.file).suffix.lower()
     if suffix == ".ply":

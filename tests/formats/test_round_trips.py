@@ -13,7 +13,7 @@ from storage.formats.motion.c3d import write_c3d
 from storage.formats.motion.joint_csv import write_joint_csv
 from storage.formats.motion.trc import write_trc
 from storage.schema import JOINTS
-from tasks.geometry.skeletons import fit_skeleton
+from tasks.exporting.skeletons import fit_skeleton
 from tests.strategies import tracks
 
 HUNDREDTH_MM = 1e-5

@@ -24,7 +24,7 @@ from storage.places import told
 from storage.schema import SEGMENTS
 from tasks.body.anatomy.shape import segment_motion
 from tasks.body.initial.search import InitialModel, draw_initial_model, label_from_joints
-from tasks.geometry.surfaces import closed_surface, nearest_colors
+from tasks.exporting.surfaces import closed_surface, nearest_colors
 from tasks.geometry.voxels import VoxelGrid, encode_runs
 
 _MOTION_COLUMNS = (

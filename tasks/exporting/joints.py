@@ -14,7 +14,7 @@ from storage.formats.motion.joint_csv import write_joint_csv
 from storage.formats.motion.trc import write_trc
 from storage.places import told
 from storage.schema import JOINTS
-from tasks.geometry.skeletons import fit_skeleton
+from tasks.exporting.skeletons import fit_skeleton
 
 logger = logging.getLogger(__name__)
 

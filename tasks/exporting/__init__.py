@@ -1,0 +1,1 @@
+"""Takes into files that other programs read."""

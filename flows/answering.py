@@ -27,7 +27,7 @@ from tasks.searching import (
 )
 
 if TYPE_CHECKING:
-    from tasks.importing import ImportSettings
+    from tasks.motion.importing import ImportSettings
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,10 @@ def _find_query(
     """Return the query, and how the answer speaks of it."""
     name, clip = parse_query(text)
     if Path(name).suffix.lower() in MOTION_SUFFIXES:
-        from tasks.importing import ImportSettings, read_joint_track  # only where a file is read
+        from tasks.motion.importing import (  # only where a file is read
+            ImportSettings,
+            read_joint_track,
+        )
 
         track, _ = read_joint_track(Path(name), imported or ImportSettings())
         stature_m = track.stature_m or DEFAULT_STATURE_M

@@ -46,7 +46,7 @@ from tasks.checks.agreement import check_take
 from tasks.coloring import ColoringSettings, color_block
 from tasks.engine.fingerprints import fingerprint
 from tasks.exporting.voxels import picture_initial
-from tasks.importing import publish_take
+from tasks.motion.importing import publish_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 
 logger = logging.getLogger(__name__)

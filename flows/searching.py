@@ -5,7 +5,7 @@ from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
 from flows.answering import Answer, answer_query
-from tasks.importing import ImportSettings
+from tasks.motion.importing import ImportSettings
 from tasks.searching import SearchSettings
 
 

@@ -22,8 +22,8 @@ from tasks.body.pose_fitting import fit_take, model_take
 from tasks.carving import carve_block
 from tasks.coloring import color_block
 from tasks.engine.fingerprints import fingerprint
-from tasks.importing import import_take, is_imported
 from tasks.indexing import index_take, is_indexed
+from tasks.motion.importing import import_take, is_imported
 from tasks.silhouettes import extract_block
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from storage.formats.motion.motion_file import MotionFile
-from tasks.importing import ImportSettings, make_joint_track
+from tasks.motion.importing import ImportSettings, make_joint_track
 
 FRAMES, RATE_HZ = 120, 60.0
 

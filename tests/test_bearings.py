@@ -1,4 +1,4 @@
-"""Tests of tasks.bearings through tasks.importing: unit, up axis, floor and sides."""
+"""Tests of tasks.motion.bearings through tasks.motion.importing: unit, up axis, floor and sides."""
 
 from dataclasses import replace
 

@@ -35,7 +35,7 @@ def ingest(prefect_server, tmp_path, inbox):
     from flows.ingestion import ingest_archive
 
     def run(**settings):
-        from tasks.importing import ImportSettings
+        from tasks.motion.importing import ImportSettings
 
         outcomes = ingest_archive(
             str(tmp_path / "archive"), [str(inbox)], ImportSettings(**settings)

@@ -13,8 +13,8 @@ from storage.formats import read_motion_file
 from storage.formats.motion.joint_map import read_joint_map
 from storage.formats.motion.motion_file import MotionFile
 from storage.schema import JOINTS
-from tasks.geometry.signals import fill_gaps, filter_low_pass
-from tasks.importing import ImportSettings, make_joint_track
+from tasks.motion.gaps import fill_gaps, filter_low_pass
+from tasks.motion.importing import ImportSettings, make_joint_track
 from tests.motion_files import (
     FRAMES,
     GIVEN,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.geometry.virtual_joints import _RULES
-from tasks.marker_choice import choose_points, nearest_names, place_joints
-from tasks.marker_sets import MARKER_SETS
+from tasks.motion.marker_choice import choose_points, nearest_names, place_joints
+from tasks.motion.marker_sets import MARKER_SETS
+from tasks.motion.virtual_joints import _RULES
 
 FRAMES = 5
 BODY = {

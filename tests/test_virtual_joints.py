@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tasks.geometry import virtual_joints as vj
+from tasks.motion import virtual_joints as vj
 
 FRAMES = 4
 

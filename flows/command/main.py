@@ -22,7 +22,7 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
 
 if TYPE_CHECKING:
-    from tasks.importing import ImportSettings
+    from tasks.motion.importing import ImportSettings
     from tasks.searching import SearchSettings
 
 DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
@@ -338,7 +338,7 @@ def _import_settings(
     options: argparse.Namespace, low_pass_hz: float | None = None
 ) -> "ImportSettings":
     """Return how files are to be read, from the options."""
-    from tasks.importing import ImportSettings, read_joint_map
+    from tasks.motion.importing import ImportSettings, read_joint_map
 
     mapping = read_joint_map(Path(options.map)) if options.map else None
     return ImportSettings(

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from tasks.engine.threads import side_by_side
 from tasks.geometry.doubts import is_cut_off, unexplained_share
-from tasks.geometry.signals import runs
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
+from tasks.motion.gaps import runs
 from tasks.voxel_frames import VoxelFrames
 
 _LOOKED_AT = 3000  # voxels of a frame: a share of 0.03 is known to 0.003

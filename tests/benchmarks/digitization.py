@@ -32,7 +32,7 @@ from tasks.capture.films import block_ranges
 from tasks.carving import CarvingSettings, carve_block
 from tasks.coloring import ColoringSettings, color_block
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
-from tasks.importing import publish_take
+from tasks.motion.importing import publish_take
 from tasks.silhouettes import SilhouetteSettings, extract_block
 from tasks.studio import demo_performances
 

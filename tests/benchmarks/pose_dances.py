@@ -9,7 +9,7 @@ from storage.schema import JOINTS
 from tasks.filming import stretch_arms_first
 from tasks.geometry.choreography import LOW, lonely, mirrored, okuri48, walk
 from tasks.geometry.limbs import unit
-from tasks.importing import ImportSettings, read_joint_track
+from tasks.motion.importing import ImportSettings, read_joint_track
 from tasks.studio import SH, Performer, generate_performance
 
 Track = NDArray[np.float64]

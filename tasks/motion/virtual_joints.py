@@ -2,7 +2,7 @@
 
 Everything here is a formula over `(time, space)` arrays in metres. No formula knows which
 way is up in the room, so turning the markers turns the joints with them. `NaN` in, `NaN`
-out. Names are those of `tasks.marker_sets`: the 21 joints and the landmarks of the body.
+out. Names are those of `tasks.motion.marker_sets`: the 21 joints and the landmarks of the body.
 """
 
 import math

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from storage.formats.motion.motion_file import MotionFile
 from storage.schema import JOINTS
-from tasks.marker_choice import Choice, place_joints
+from tasks.motion.marker_choice import Choice, place_joints
 from tasks.retrieval.normalization import measure_stature
 
 Positions = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.geometry.virtual_joints import place_points, plan_points
-from tasks.marker_sets import MARKER_SETS, MarkerSet, bare_name
+from tasks.motion.marker_sets import MARKER_SETS, MarkerSet, bare_name
+from tasks.motion.virtual_joints import place_points, plan_points
 
 Recipe = tuple[int, ...]
 """The markers, by index, whose middle is the point."""

@@ -1,7 +1,7 @@
 """The names that marker systems and skeletons give to the points of the body.
 
 A marker set is a table: for each point of the body (one of the 21 joints, or a landmark from
-which `tasks.geometry.virtual_joints` places joints) the names that give it. In a table, names
+which `tasks.motion.virtual_joints` places joints) the names that give it. In a table, names
 stand apart by spaces, the best first, `A+B` is the middle of both, and `{R}`, `{Right}` stand
 for either side. Names are compared without case, punctuation and the performer's prefix
 ("subject:LASI", "mixamorig:Hips").

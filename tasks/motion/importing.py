@@ -35,10 +35,10 @@ from storage.publication import (
 )
 from storage.recordings import Recording, remember_source
 from storage.schema import JOINTS
-from tasks.bearings import AXES, find_floor, find_unit, find_up, side_notes
-from tasks.geometry.signals import fill_gaps, filter_low_pass, inner_runs
-from tasks.geometry.virtual_joints import plan_points
-from tasks.marker_choice import Choice, choose_points, place_joints
+from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_notes
+from tasks.motion.gaps import fill_gaps, filter_low_pass, inner_runs
+from tasks.motion.marker_choice import Choice, choose_points, place_joints
+from tasks.motion.virtual_joints import plan_points
 from tasks.retrieval.normalization import DEFAULT_STATURE_M, joints_present, measure_stature
 
 logger = logging.getLogger(__name__)

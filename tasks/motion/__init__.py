@@ -1,0 +1,1 @@
+"""Motion files into joint tracks."""

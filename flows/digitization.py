@@ -41,13 +41,13 @@ from tasks.cached import (
     model_take_once,
 )
 from tasks.capture.films import block_ranges
-from tasks.carving import CarvingSettings, carve_block
 from tasks.checks.agreement import check_take
-from tasks.coloring import ColoringSettings, color_block
 from tasks.engine.fingerprints import fingerprint
 from tasks.exporting.voxels import picture_initial
 from tasks.motion.importing import publish_take
-from tasks.silhouettes import SilhouetteSettings, extract_block
+from tasks.reconstruction.carving import CarvingSettings, carve_block
+from tasks.reconstruction.coloring import ColoringSettings, color_block
+from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
 
 logger = logging.getLogger(__name__)
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.coloring import NO_CAMERA, ColoringSettings, color_surface
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, count_voxels, decode_runs
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.reconstruction.coloring import NO_CAMERA, ColoringSettings, color_surface
 
 DATA = Path(os.environ.get("SHOSA_DATA", "../shared/data")) / "dancer8"
 

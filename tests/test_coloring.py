@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.coloring import NO_CAMERA, ColoringSettings, color_surface
 from tasks.geometry.projection import (
     Projection,
     camera_centers,
@@ -10,6 +8,8 @@ from tasks.geometry.projection import (
     project_points,
 )
 from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.reconstruction.coloring import NO_CAMERA, ColoringSettings, color_surface
 from tests import naive_voxels as naive
 
 SHAPE = (13, 15, 11)

@@ -17,8 +17,6 @@ from storage.places import list_files
 from storage.publication import collect_garbage, verify_take
 from storage.schema import JOINTS
 from tasks.capture import films as capture_films
-from tasks.carving import CarvingSettings, carve_visual_hull
-from tasks.coloring import ColoringSettings, color_surface
 from tasks.exporting.voxels import export_initial
 from tasks.filming import (
     FilmSettings,
@@ -29,7 +27,9 @@ from tasks.filming import (
 )
 from tasks.geometry.choreography import okuri48
 from tasks.geometry.voxels import decode_runs
-from tasks.silhouettes import extract_silhouettes
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.reconstruction.coloring import ColoringSettings, color_surface
+from tasks.reconstruction.silhouettes import extract_silhouettes
 from tasks.studio import TK, generate_performance
 from tests.conftest import swaying_body
 

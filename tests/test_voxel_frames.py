@@ -1,4 +1,4 @@
-"""Tests of tasks.voxel_frames: the frames of a take from the blocks of its stages."""
+"""Tests of tasks.reconstruction.voxel_frames: the frames of a take from the blocks of its stages."""
 
 import gc
 import itertools
@@ -8,11 +8,11 @@ import weakref
 import numpy as np
 import pytest
 
-import tasks.voxel_frames
+import tasks.reconstruction.voxel_frames
 from storage import create_archive
 from storage.blocks import write_block
 from tasks.geometry.voxels import VoxelGrid, encode_runs, surface_index, surface_voxels, take_frame
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 GRID = VoxelGrid((0.0, 0.0, 0.0), 0.1, (4, 5, 6))
 EDGES = (0, 3, 4, 8)  # of three blocks
@@ -54,8 +54,8 @@ def read(monkeypatch):
         read.append(block["path"])
         return original(place, block, names)
 
-    original = tasks.voxel_frames.read_block
-    monkeypatch.setattr(tasks.voxel_frames, "read_block", counted)
+    original = tasks.reconstruction.voxel_frames.read_block
+    monkeypatch.setattr(tasks.reconstruction.voxel_frames, "read_block", counted)
     return read
 
 

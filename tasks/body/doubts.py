@@ -11,7 +11,7 @@ from tasks.geometry.doubts import is_cut_off, unexplained_share
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
 from tasks.motion.gaps import runs
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _LOOKED_AT = 3000  # voxels of a frame: a share of 0.03 is known to 0.003
 

@@ -24,7 +24,7 @@ from tasks.capture.films import grid_of
 from tasks.engine.threads import THREADS, side_by_side
 from tasks.geometry.voxel_lines import VoxelLines, labeled_centers, lines_of
 from tasks.geometry.voxels import voxel_centers
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 
 def label_block(

@@ -39,7 +39,7 @@ from tasks.body.poses.paper import PaperFitSettings, fit_frame, join_poses
 from tasks.capture.films import grid_of
 from tasks.geometry.voxel_lines import lines_of, marked_centers
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)
 

@@ -359,7 +359,7 @@ def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> 
     archive, capture
         Where the blocks are, and the folder with the calibration and the volume.
     blocks
-        As `tasks.silhouettes.extract_block` returned them, in the order of the frames.
+        As `tasks.reconstruction.silhouettes.extract_block` returned them, in the order of the frames.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import grid_of, of_camera, projection_of, read_backgrounds
 from tasks.checks.agreement import Agreement, check_agreement
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
-from tasks.silhouettes import extract_silhouettes
+from tasks.reconstruction.silhouettes import extract_silhouettes
 
 _LOOKED_AT = 8
 """Frames of a take."""

@@ -16,7 +16,6 @@ from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture_toml import Volume
 from storage.schema import JOINTS
 from tasks.capture.films import projection_of
-from tasks.carving import CarvingSettings, carve_visual_hull
 from tasks.engine.threads import side_by_side
 from tasks.filming import RingSettings, generate_cameras, stretch_arms_first
 from tasks.geometry.bodies import BodySurface, pose_surface
@@ -24,6 +23,7 @@ from tasks.geometry.choreography import okuri48, radio_arms, radio_knees, radio_
 from tasks.geometry.projection import project_points
 from tasks.geometry.rasterization import draw_triangles, project_bent
 from tasks.geometry.voxels import VoxelGrid, count_voxels, volume_grid, voxel_centers
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.studio import TK, generate_performance
 
 _GRID_M = 0.05  # of the points that say how much of the volume is seen

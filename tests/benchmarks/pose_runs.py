@@ -18,11 +18,11 @@ from storage.recordings import digest_capture
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
 from tasks.capture.films import block_ranges, grid_of
-from tasks.carving import CarvingSettings, carve_block
-from tasks.coloring import ColoringSettings, color_block
 from tasks.geometry.voxels import voxel_centers
-from tasks.silhouettes import SilhouetteSettings, extract_block
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.carving import CarvingSettings, carve_block
+from tasks.reconstruction.coloring import ColoringSettings, color_block
+from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
+from tasks.reconstruction.voxel_frames import VoxelFrames
 from tests.benchmarks.pose_scores import joint_errors, label_accuracy, score_joints
 
 Refs = list[dict[str, Any]]

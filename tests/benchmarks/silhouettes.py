@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.capture.backgrounds import make_background
-from tasks.silhouettes import RULES, SilhouetteSettings, extract_silhouettes
+from tasks.reconstruction.silhouettes import RULES, SilhouetteSettings, extract_silhouettes
 
 CAMERAS, FRAMES, ROWS, COLUMNS = 8, 30, 240, 320
 REPEATS = 5

@@ -17,7 +17,7 @@ from tasks.body.labels.regions import first_of
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 from tasks.geometry.voxels import voxel_centers
-from tasks.voxel_frames import VoxelFrames
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 SKIN_LABELS = (1, 5, 7)
 """The labels of the face, the right and the left hand: Head, RForeArm, LForeArm."""

@@ -245,7 +245,7 @@ def color_block(
     capture, digest
         The folder with the calibration, and the digest of what is in it.
     silhouettes, hulls
-        As `tasks.silhouettes.extract_block` and `tasks.carving.carve_block` returned them.
+        As `tasks.reconstruction.silhouettes.extract_block` and `tasks.reconstruction.carving.carve_block` returned them.
     into
         Path of the block in the archive.
     settings

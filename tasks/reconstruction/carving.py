@@ -128,7 +128,7 @@ def carve_block(
     capture, digest
         The folder with the calibration and the volume, and the digest of what is in it.
     silhouettes
-        As `tasks.silhouettes.extract_block` returned it.
+        As `tasks.reconstruction.silhouettes.extract_block` returned it.
     into
         Path of the block in the archive.
     settings

@@ -1,0 +1,1 @@
+"""From films to colored voxels (digitization paper, section 2)."""

@@ -3,10 +3,10 @@ import threading
 import numpy as np
 import pytest
 
-from tasks.geometry.box_carving import _bend_box
-from tasks.geometry.lens_bounds import lens_table
 from tasks.geometry.projection import Projection, one_to_one_radius, project_points
 from tasks.geometry.voxels import VoxelGrid, count_voxels, decode_runs, surface_voxels
+from tasks.reconstruction.boxes.carving import _bend_box
+from tasks.reconstruction.boxes.lens_bounds import lens_table
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tests import naive_voxels as naive
 

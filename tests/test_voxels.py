@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.voxel_bits import read_bits
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
@@ -17,6 +16,7 @@ from tasks.geometry.voxels import (
     voxel_centers,
     voxel_index,
 )
+from tasks.reconstruction.boxes.bits import read_bits
 from tests import naive_voxels as naive
 
 SHAPE = (5, 7, 9)

@@ -5,7 +5,7 @@ it (shape from silhouette; Laurentini 1994). The center is projected with the le
 in float64 (`tasks.geometry.projection`) and belongs to the nearest pixel of the image as
 filmed. A camera that does not see the center, behind it or outside its image, does not vote;
 the paper's cameras see everything, here a voxel that too few cameras see is empty. Boxes are
-decided as a whole where they can be (`tasks.geometry.box_carving`); the result is the one of
+decided as a whole where they can be (`tasks.reconstruction.boxes.carving`); the result is the one of
 testing each voxel.
 """
 
@@ -22,10 +22,10 @@ from storage.blocks import read_block, write_block
 from storage.formats.capture.capture import read_capture
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.threads import side_by_side
-from tasks.geometry.box_carving import MOST_CAMERAS, carve_boxes
 from tasks.geometry.projection import Projection
-from tasks.geometry.voxel_bits import read_bits
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, join_runs
+from tasks.reconstruction.boxes.bits import read_bits
+from tasks.reconstruction.boxes.carving import MOST_CAMERAS, carve_boxes
 
 
 @dataclass(frozen=True)

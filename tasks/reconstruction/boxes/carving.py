@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.geometry.integral_images import count_pixels
-from tasks.geometry.lens_bounds import lens_table
 from tasks.geometry.projection import Projection
-from tasks.geometry.voxel_bits import WORD
+from tasks.reconstruction.boxes.bits import WORD
+from tasks.reconstruction.boxes.integral_images import count_pixels
+from tasks.reconstruction.boxes.lens_bounds import lens_table
 
 MOST_CAMERAS = 62  # the cameras that are undecided about a box are bits of one number
 _BOX = WORD  # voxels on a side of the boxes that carving starts with: none straddles words
@@ -47,7 +47,7 @@ def carve_boxes(
     Returns
     -------
     words : (x, y, word) uint32
-        A box that holds them all, as `tasks.geometry.voxel_bits.read_bits` takes it.
+        A box that holds them all, as `tasks.reconstruction.boxes.bits.read_bits` takes it.
     begin : (3,) int64
         Index in the grid of the box's first voxel.
     """

@@ -1,0 +1,1 @@
+"""Carving by boxes that are wholly inside or outside."""

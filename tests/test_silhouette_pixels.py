@@ -1,8 +1,8 @@
-"""Tests of tasks.geometry.silhouette_pixels: pixels out of pictures and back."""
+"""Tests of tasks.reconstruction.regions.pixels: pixels out of pictures and back."""
 
 import numpy as np
 
-from tasks.geometry.silhouette_pixels import place_pixels, take_pixels
+from tasks.reconstruction.regions.pixels import place_pixels, take_pixels
 
 
 def test_pixels_are_those_inside_and_come_back_to_their_places():

@@ -9,9 +9,9 @@ import pytest
 from storage.formats.pictures.video import open_video, read_frames
 from tasks.capture import backgrounds
 from tasks.capture.backgrounds import Background, make_background, measure_gain, smooth
-from tasks.geometry.outlines import draw_outline
-from tasks.geometry.specks import clean_region
 from tasks.reconstruction import silhouettes as stage
+from tasks.reconstruction.regions.outlines import draw_outline
+from tasks.reconstruction.regions.specks import clean_region
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
 from tests import naive_silhouettes as naive
 

@@ -23,7 +23,6 @@ from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
-from tasks.geometry.silhouette_pixels import place_pixels
 from tasks.geometry.visibility import REACH, hide_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
@@ -33,6 +32,7 @@ from tasks.geometry.voxels import (
     take_frame,
     voxel_centers,
 )
+from tasks.reconstruction.regions.pixels import place_pixels
 
 NO_CAMERA = 255
 """The camera of a voxel that no camera sees."""

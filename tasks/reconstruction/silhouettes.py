@@ -30,9 +30,9 @@ from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
-from tasks.geometry.outlines import draw_outline
-from tasks.geometry.silhouette_pixels import take_pixels
-from tasks.geometry.specks import clean_region
+from tasks.reconstruction.regions.outlines import draw_outline
+from tasks.reconstruction.regions.pixels import take_pixels
+from tasks.reconstruction.regions.specks import clean_region
 
 RULES = ("chroma", "crcb")
 

@@ -17,7 +17,7 @@ from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from tasks.capture.films import read_films
-from tasks.geometry.silhouette_pixels import take_pixels
+from tasks.reconstruction.regions.pixels import take_pixels
 from tests.benchmarks.pose_runs import Voxels, make_voxels
 
 BLOBS, RADIUS_PX = 6, (1.5, 4.0)

@@ -1,0 +1,1 @@
+"""Outlines, specks and pixels of silhouettes."""

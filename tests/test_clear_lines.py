@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.clear_lines import clear_shares
+from tasks.reconstruction.sight.clear_lines import clear_shares
 from tests import naive_voxels as naive
 
 SHAPE = (9, 14, 11)

@@ -3,7 +3,7 @@
 The cameras that see a surface voxel each have a candidate color for it, the pixel in which it
 is filmed; the voxel takes the candidate nearest to the mean of its candidates.
 
-Which cameras see a voxel is found in `tasks.geometry.visibility`; the paper says "observed in the
+Which cameras see a voxel is found in `tasks.reconstruction.sight.visibility`; the paper says "observed in the
 image" only.
 """
 
@@ -23,7 +23,6 @@ from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
-from tasks.geometry.visibility import REACH, hide_pixels
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
@@ -33,6 +32,7 @@ from tasks.geometry.voxels import (
     voxel_centers,
 )
 from tasks.reconstruction.regions.pixels import place_pixels
+from tasks.reconstruction.sight.visibility import REACH, hide_pixels
 
 NO_CAMERA = 255
 """The camera of a voxel that no camera sees."""

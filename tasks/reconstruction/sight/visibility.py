@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.geometry.clear_lines import clear_shares
+from tasks.reconstruction.sight.clear_lines import clear_shares
 
 REACH = 2
 """Voxels around a voxel that its normal is taken from."""

@@ -1,0 +1,1 @@
+"""Which camera sees which voxel."""

@@ -8,7 +8,7 @@ import pytest
 
 from tasks.geometry.floors import cast_shadow
 from tasks.geometry.splats import BALL, project_balls, smooth_surface, splat
-from tasks.novel_views import ViewSettings, aim_camera, orbit_cameras, render_view
+from tasks.rendering.novel_views import ViewSettings, aim_camera, orbit_cameras, render_view
 
 BARE = ViewSettings(floor_m=None)
 SIZE = (56, 40)

@@ -9,7 +9,7 @@ from storage.formats.pictures.pictures import write_png
 from storage.schema import JOINTS
 from tasks.geometry.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
 from tasks.geometry.choreography import lonely, okuri48, radio_arms
-from tasks.rendering import (
+from tasks.rendering.figures import (
     FigureSettings,
     draw_joint_plot,
     draw_overlay,

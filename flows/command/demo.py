@@ -17,7 +17,7 @@ from storage.formats.pictures.pictures import write_png
 from storage.places import told
 from tasks.exporting.joints import write_joint_track
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
-from tasks.rendering import draw_overlay, draw_stick_figures
+from tasks.rendering.figures import draw_overlay, draw_stick_figures
 from tasks.retrieval.normalization import PARTS
 from tasks.searching import Match, SearchSettings
 from tasks.studio import DemoSearch, DemoTake, demo_performances

@@ -40,7 +40,7 @@ def render(options: argparse.Namespace, clip: tuple[int, int] | None) -> None:
     ValueError
         If options have values that mean nothing.
     """
-    from tasks.view_rendering import CameraPath, render_take
+    from tasks.rendering.views import CameraPath, render_take
 
     found = re.fullmatch(r"(\d+)x(\d+)", options.size)
     if not found or not (16 <= int(found[1]) <= 8192 and 16 <= int(found[2]) <= 8192):

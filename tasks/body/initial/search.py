@@ -20,8 +20,8 @@ from storage.schema import JOINTS
 from tasks.body.anatomy.nearest_bones import NEEDED, complete_joints, label_points
 from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
 from tasks.body.initial.joints import bones_inside, find_joints
-from tasks.geometry.initial_shape_picture import draw_from
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
+from tasks.rendering.initial_model import draw_from
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from storage.errors import InputError, UnknownNameError
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from tasks.engine.threads import THREADS
-from tasks.novel_views import aim_camera, render_view
+from tasks.rendering.novel_views import aim_camera, render_view
 
 SEGMENT_COLORS = np.array(
     [

@@ -1,0 +1,1 @@
+"""Pictures of voxels, joints and searches."""

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from tasks.geometry.floors import cast_shadow
-from tasks.geometry.splats import BALL, project_balls, smooth_surface, splat
+from tasks.rendering.drawing.floors import cast_shadow
+from tasks.rendering.drawing.splats import BALL, project_balls, smooth_surface, splat
 from tasks.rendering.novel_views import ViewSettings, aim_camera, orbit_cameras, render_view
 
 BARE = ViewSettings(floor_m=None)

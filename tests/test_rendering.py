@@ -7,8 +7,8 @@ import pytest
 from storage.errors import InputError
 from storage.formats.pictures.pictures import write_png
 from storage.schema import JOINTS
-from tasks.geometry.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
 from tasks.geometry.choreography import lonely, okuri48, radio_arms
+from tasks.rendering.drawing.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
 from tasks.rendering.figures import (
     FigureSettings,
     draw_joint_plot,

@@ -15,7 +15,7 @@ from storage.formats.capture.capture import Capture
 from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.footage import read_picture
 from tasks.geometry.cameras import project
-from tasks.geometry.canvas import (
+from tasks.rendering.drawing.canvas import (
     BLUE,
     FINE,
     GREEN,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.geometry.canvas import (
+from tasks.rendering.drawing.canvas import (
     BLUE,
     FINE,
     GRAY,
@@ -31,7 +31,7 @@ from tasks.geometry.canvas import (
     finish,
     round_numbers,
 )
-from tasks.geometry.stick_figures import draw_figure
+from tasks.rendering.drawing.stick_figures import draw_figure
 from tasks.retrieval.normalization import (
     DEFAULT_STATURE_M,
     INDEX_RATE_HZ,

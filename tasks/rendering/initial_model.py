@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.canvas import (
+from tasks.rendering.drawing.canvas import (
     FINE,
     INK,
     PAPER,

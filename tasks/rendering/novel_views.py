@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tasks.geometry.canvas import PAPER, Color, Image
-from tasks.geometry.floors import cast_shadow, paint_floor
-from tasks.geometry.splats import BALL, project_balls, smooth_surface, splat
+from tasks.rendering.drawing.canvas import PAPER, Color, Image
+from tasks.rendering.drawing.floors import cast_shadow, paint_floor
+from tasks.rendering.drawing.splats import BALL, project_balls, smooth_surface, splat
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.canvas import FINE, Color, Image, blend, draw_line
+from tasks.rendering.drawing.canvas import FINE, Color, Image, blend, draw_line
 
 _SPINE = (("Neck", "Waist"), ("RShoulder", "Neck"), ("Neck", "LShoulder"))
 _LOINS = (("Waist", "RHip"), ("Waist", "LHip"), ("RHip", "LHip"))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.geometry.canvas import Color, Image
+from tasks.rendering.drawing.canvas import Color, Image
 
 _CELL_M = 0.02
 _HALF_CELLS = 96

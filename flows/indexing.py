@@ -9,7 +9,7 @@ from prefect.task_runners import ThreadPoolTaskRunner
 
 from storage import open_archive
 from storage.errors import ArchiveError, PlaceError
-from tasks.indexing import index_take
+from tasks.retrieval.indexing import index_take
 
 logger = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ from prefect import flow, task
 from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
-from flows.answering import Answer, answer_query
 from tasks.motion.importing import ImportSettings
-from tasks.searching import SearchSettings
+from tasks.retrieval.answering import Answer, answer_query
+from tasks.retrieval.searching import SearchSettings
 
 
 @flow(name="search_archive", flow_run_name="search {archive} for {query}")

@@ -20,11 +20,11 @@ from storage.blocks import has_block
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import fit_take, model_take
 from tasks.engine.fingerprints import fingerprint
-from tasks.indexing import index_take, is_indexed
 from tasks.motion.importing import import_take, is_imported
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
+from tasks.retrieval.indexing import index_take, is_indexed
 
 
 def cached(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tasks.engine import fingerprints
-from tasks.indexing import index_take
+from tasks.retrieval.indexing import index_take
 from tests.conftest import ROOT
 
 
@@ -45,7 +45,7 @@ def test_two_functions_of_one_module_have_two_names():
     assert len({fingerprints.fingerprint(each, {}) for each in functions}) == 2
 
 
-@pytest.mark.parametrize("name", ["tasks.indexing", "tasks.retrieval.normalization"])
+@pytest.mark.parametrize("name", ["tasks.retrieval.indexing", "tasks.retrieval.normalization"])
 def test_an_edit_to_the_module_or_to_one_behind_it_gives_another_name(tmp_path, monkeypatch, name):
     before = fingerprints.fingerprint(index_take, {})
     edited = tmp_path / "edited.py"

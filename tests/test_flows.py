@@ -126,9 +126,9 @@ def test_indexing_makes_every_search_array_anew(ingest, prefect_server, tmp_path
 
 
 def test_a_search_as_a_flow_answers_as_the_search_does(ingest, prefect_server, tmp_path):
-    from flows.answering import answer_query
     from flows.searching import search_archive
-    from tasks.searching import SearchSettings
+    from tasks.retrieval.answering import answer_query
+    from tasks.retrieval.searching import SearchSettings
 
     ingest()
     asked = (str(tmp_path / "archive"), "okuri48:10-40", SearchSettings(part="arms", top=3))

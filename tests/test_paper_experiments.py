@@ -9,8 +9,8 @@ import pytest
 
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import joints_present, measure_stature, pack_motion
+from tasks.retrieval.searching import PackedTake, clip_take, search_takes
 from tasks.retrieval.weighting import SearchSettings
-from tasks.searching import PackedTake, clip_take, search_takes
 from tasks.studio import demo_performances
 
 pytestmark = pytest.mark.compiled  # a hundred thousand frames of warping

@@ -3,7 +3,7 @@
 import pytest
 
 from tasks.retrieval.normalization import PARTS
-from tasks.searching import SearchSettings, clip_motion, joint_weights, search_takes
+from tasks.retrieval.searching import SearchSettings, clip_motion, joint_weights, search_takes
 from tests.conftest import swaying_body
 
 JOINTS = PARTS["whole"]

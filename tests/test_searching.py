@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks import searching
+from tasks.retrieval import searching
 from tasks.retrieval.normalization import PARTS, joints_present, measure_stature, pack_motion
-from tasks.searching import (
+from tasks.retrieval.searching import (
     Match,
     PackedTake,
     SearchSettings,
@@ -362,6 +362,6 @@ def test_nothing_given_is_changed(dance):
 
 def test_the_search_imports_no_more_than_numpy_and_numba():
     heavy = ("scipy.linalg", "scipy.spatial", "xarray", "zarr", "prefect", "pandas", "cv2")
-    code = "import sys, tasks.searching; print(*sys.modules)"
+    code = "import sys, tasks.retrieval.searching; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not set(heavy) & set(done.stdout.split())

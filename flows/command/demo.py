@@ -7,7 +7,6 @@ is known, and is counted.
 
 from pathlib import Path
 
-from flows.answering import Answer, answer_query
 from flows.command import printing
 from flows.ingestion import ingest_archive
 from storage import open_archive
@@ -18,8 +17,9 @@ from storage.places import told
 from tasks.exporting.joints import write_joint_track
 from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.rendering.figures import draw_overlay, draw_stick_figures
+from tasks.retrieval.answering import Answer, answer_query
 from tasks.retrieval.normalization import PARTS
-from tasks.searching import Match, SearchSettings
+from tasks.retrieval.searching import Match, SearchSettings
 from tasks.studio import DemoSearch, DemoTake, demo_performances
 
 _SUFFIXES = (".bvh", ".c3d", ".trc")

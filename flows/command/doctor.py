@@ -79,7 +79,7 @@ def _compiler() -> str:
     import numpy as np
 
     from tasks.retrieval.normalization import ROWS
-    from tasks.searching import PackedTake, Query, SearchSettings, search_takes
+    from tasks.retrieval.searching import PackedTake, Query, SearchSettings, search_takes
 
     rows = np.random.default_rng(0).normal(size=(ROWS, 90)).astype(np.float32)
     present = np.ones(21, bool)

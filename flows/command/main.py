@@ -23,7 +23,7 @@ from storage.provenance import shosa_version
 
 if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings
-    from tasks.searching import SearchSettings
+    from tasks.retrieval.searching import SearchSettings
 
 DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 
@@ -213,7 +213,7 @@ def _path(options: argparse.Namespace) -> int:
 
 
 def _search(options: argparse.Namespace) -> int:
-    from tasks.searching import SearchSettings
+    from tasks.retrieval.searching import SearchSettings
 
     settings = SearchSettings(
         part=options.part,
@@ -241,7 +241,7 @@ def _answer(options: argparse.Namespace, settings: "SearchSettings") -> Any:
             from flows.searching import search_archive
 
             return search_archive(*arguments)
-        from flows.answering import answer_query
+        from tasks.retrieval.answering import answer_query
 
         return answer_query(*arguments)
     except (InputError, ArchiveError, UnknownNameError):

@@ -11,8 +11,8 @@ from storage.publication import Record
 from storage.schema import JOINTS
 
 if TYPE_CHECKING:
-    from flows.answering import Answer
     from flows.ingestion import Outcome
+    from tasks.retrieval.answering import Answer
 
 
 def say(text: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.retrieval.normalization import PARTS, ROWS, measure_stature
-from tasks.searching import PackedTake, Query, SearchSettings, clip_motion
+from tasks.retrieval.searching import PackedTake, Query, SearchSettings, clip_motion
 
 JOINTS = PARTS["whole"]
 LEFT_OUT = ("Waist", "RHeel", "LHeel")

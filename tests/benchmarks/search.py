@@ -22,8 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.retrieval.searching import PackedTake, Query, search_takes
 from tasks.retrieval.warping import warp
-from tasks.searching import PackedTake, Query, search_takes
 from tests.benchmarks.motions import (
     SETTINGS,
     compared_rows,

@@ -16,7 +16,7 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
 from storage.publication import Record
 from tasks.retrieval.normalization import DEFAULT_STATURE_M
-from tasks.searching import (
+from tasks.retrieval.searching import (
     Match,
     Query,
     SearchSettings,

@@ -9,7 +9,7 @@ import pytest
 from flows.command.main import main
 from storage.formats.pictures.video import VIDEO_SUFFIXES
 from tasks.checks.pictures import draw_silhouette
-from tasks.filming import (
+from tasks.studio.filming import (
     FilmSettings,
     RingSettings,
     film_capture,

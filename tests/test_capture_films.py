@@ -8,9 +8,9 @@ from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from tasks.capture import films as capture_films
-from tasks.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tasks.geometry.choreography import okuri48
-from tasks.studio import TK, generate_performance
+from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.performances import TK, generate_performance
 
 FRAMES = 21
 RING = RingSettings(cameras=4, size=(80, 60), radius_m=3.5)

@@ -8,18 +8,18 @@ from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import read_capture
 from storage.schema import JOINTS
-from tasks.filming import (
+from tasks.geometry.bodies import CHECKS, pose_surface
+from tasks.geometry.choreography import okuri48
+from tasks.geometry.rasterization import draw_triangles, lay_over, project_bent
+from tasks.geometry.scenes import Spoilers, light_scene
+from tasks.studio.filming import (
     FilmSettings,
     RingSettings,
     film_capture,
     generate_cameras,
     stretch_arms_first,
 )
-from tasks.geometry.bodies import CHECKS, pose_surface
-from tasks.geometry.choreography import okuri48
-from tasks.geometry.rasterization import draw_triangles, lay_over, project_bent
-from tasks.geometry.scenes import Spoilers, light_scene
-from tasks.studio import TK, generate_performance
+from tasks.studio.performances import TK, generate_performance
 
 ENDS = ("Head", "RFin", "LFin", "RHeel", "LHeel", "RFoot", "LFoot")
 SMALL = RingSettings(cameras=3, overhead=1, size=(88, 64), distortion=(-0.12, 0.02), radius_m=3.5)

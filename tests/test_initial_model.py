@@ -21,7 +21,7 @@ from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.silhouettes import extract_silhouettes
-from tasks.studio import TK, generate_performance
+from tasks.studio.performances import TK, generate_performance
 from tests.initial_figures import (
     GRID,
     LIMBS,

@@ -11,7 +11,7 @@ from storage.schema import JOINTS
 from tasks.retrieval.normalization import joints_present, measure_stature, pack_motion
 from tasks.retrieval.searching import PackedTake, clip_take, search_takes
 from tasks.retrieval.weighting import SearchSettings
-from tasks.studio import demo_performances
+from tasks.studio.performances import demo_performances
 
 pytestmark = pytest.mark.compiled  # a hundred thousand frames of warping
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.studio import TK, generate_performance
+from tasks.studio.performances import TK, generate_performance
 from tests.benchmarks.pose_captures import PLANS, dance_of
 from tests.benchmarks.pose_dances import add_heels, on_floor, reshape, spin
 from tests.benchmarks.pose_scores import (

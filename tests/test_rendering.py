@@ -15,7 +15,7 @@ from tasks.rendering.figures import (
     draw_overlay,
     draw_stick_figures,
 )
-from tasks.studio import TK, YS, generate_performance
+from tasks.studio.performances import TK, YS, generate_performance
 
 
 @pytest.fixture(scope="module")

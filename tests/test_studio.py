@@ -21,7 +21,7 @@ from tasks.geometry.choreography import (
 )
 from tasks.geometry.limbs import bend_limb, turned
 from tasks.retrieval.normalization import OTHER_SIDE, measure_stature, pack_motion
-from tasks.studio import SH, TK, YS, demo_performances, generate_performance
+from tasks.studio.performances import SH, TK, YS, demo_performances, generate_performance
 
 RIGID = [
     ("Head", "Neck"),

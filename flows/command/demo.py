@@ -15,12 +15,12 @@ from storage.formats.motion.writing import write_beside
 from storage.formats.pictures.pictures import write_png
 from storage.places import told
 from tasks.exporting.joints import write_joint_track
-from tasks.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.rendering.figures import draw_overlay, draw_stick_figures
 from tasks.retrieval.answering import Answer, answer_query
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match, SearchSettings
-from tasks.studio import DemoSearch, DemoTake, demo_performances
+from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
+from tasks.studio.performances import DemoSearch, DemoTake, demo_performances
 
 _SUFFIXES = (".bvh", ".c3d", ".trc")
 _FOUND_FROM = 0.5  # of the frames that the match and the truth cover together

@@ -20,7 +20,7 @@ from storage.schema import JOINTS
 from tasks.geometry.choreography import freely, lonely, okuri48, walk
 from tasks.retrieval.indexing import index_take
 from tasks.retrieval.normalization import INDEX_RATE_HZ, measure_stature
-from tasks.studio import SH, TK, YS, generate_performance
+from tasks.studio.performances import SH, TK, YS, generate_performance
 
 QUERY = "take-00007:300-469"
 RUNS = 5

@@ -12,7 +12,7 @@ from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.initial import write_initial
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
-from tasks.filming import stretch_arms_first
+from tasks.studio.filming import stretch_arms_first
 from tests.conftest import swaying_body
 from tests.formats import calibration_files as files
 from tests.formats.calibration_files import NAMES, in_z_up, looking_at, rig

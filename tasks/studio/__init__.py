@@ -1,0 +1,1 @@
+"""Generated performances, whose truth is known, and films of them."""

@@ -3,7 +3,7 @@ import pytest
 
 from storage.schema import JOINTS
 from tasks.geometry.bodies import CHECKS, SEGMENTS, SKIN, pose_surface
-from tasks.geometry.choreography import freely, okuri48
+from tasks.studio.dancing.choreography import freely, okuri48
 from tasks.studio.filming import stretch_arms_first
 from tasks.studio.performances import SH, generate_performance
 

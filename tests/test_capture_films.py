@@ -8,7 +8,7 @@ from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from tasks.capture import films as capture_films
-from tasks.geometry.choreography import okuri48
+from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tasks.studio.performances import TK, generate_performance
 

@@ -18,11 +18,11 @@ from storage.publication import collect_garbage, verify_take
 from storage.schema import JOINTS
 from tasks.capture import films as capture_films
 from tasks.exporting.voxels import export_initial
-from tasks.geometry.choreography import okuri48
 from tasks.geometry.voxels import decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.coloring import ColoringSettings, color_surface
 from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import (
     FilmSettings,
     RingSettings,

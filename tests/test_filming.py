@@ -9,9 +9,9 @@ from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import read_capture
 from storage.schema import JOINTS
 from tasks.geometry.bodies import CHECKS, pose_surface
-from tasks.geometry.choreography import okuri48
 from tasks.geometry.rasterization import draw_triangles, lay_over, project_bent
 from tasks.geometry.scenes import Spoilers, light_scene
+from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import (
     FilmSettings,
     RingSettings,

@@ -16,11 +16,11 @@ from tasks.body.initial.search import (
     model_from_joints,
 )
 from tasks.capture.backgrounds import make_background
-from tasks.geometry.choreography import freely
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.studio.dancing.choreography import freely
 from tasks.studio.performances import TK, generate_performance
 from tests.initial_figures import (
     GRID,

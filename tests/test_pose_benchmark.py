@@ -83,7 +83,7 @@ def test_a_spin_turns_by_what_was_asked_at_most_and_keeps_the_body():
 
 
 def generate_performance_frame():
-    from tasks.geometry.choreography import wait
+    from tasks.studio.dancing.choreography import wait
 
     return generate_performance([wait()], TK, rate_hz=10.0).position[0]
 

@@ -7,7 +7,6 @@ import pytest
 from storage.errors import InputError
 from storage.formats.pictures.pictures import write_png
 from storage.schema import JOINTS
-from tasks.geometry.choreography import lonely, okuri48, radio_arms
 from tasks.rendering.drawing.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
 from tasks.rendering.figures import (
     FigureSettings,
@@ -15,6 +14,7 @@ from tasks.rendering.figures import (
     draw_overlay,
     draw_stick_figures,
 )
+from tasks.studio.dancing.choreography import lonely, okuri48, radio_arms
 from tasks.studio.performances import TK, YS, generate_performance
 
 

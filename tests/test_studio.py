@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.geometry.choreography import (
+from tasks.retrieval.normalization import OTHER_SIDE, measure_stature, pack_motion
+from tasks.studio.dancing.choreography import (
     freely,
     lonely,
     mirrored,
@@ -19,8 +20,7 @@ from tasks.geometry.choreography import (
     wait,
     walk,
 )
-from tasks.geometry.limbs import bend_limb, turned
-from tasks.retrieval.normalization import OTHER_SIDE, measure_stature, pack_motion
+from tasks.studio.dancing.limbs import bend_limb, turned
 from tasks.studio.performances import SH, TK, YS, demo_performances, generate_performance
 
 RIGID = [

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.limbs import unit
 from tasks.geometry.tubes import (
     Color,
     Track,
@@ -22,6 +21,7 @@ from tasks.geometry.tubes import (
     shape_stations,
     tube_along,
 )
+from tasks.studio.dancing.limbs import unit
 
 SEGMENTS = (
     *("Head", "Body", "Waist", "RUpperArm", "RForeArm", "LUpperArm", "LForeArm"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.limbs import unit
+from tasks.studio.dancing.limbs import unit
 
 Track = NDArray[np.float64]
 Color = tuple[int, int, int]

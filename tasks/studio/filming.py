@@ -24,7 +24,6 @@ from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
 from tasks.geometry.bodies import SEGMENTS, BodySurface, pose_surface
-from tasks.geometry.limbs import unit
 from tasks.geometry.outer_points import outer_vertices
 from tasks.geometry.scenes import (
     BACKDROPS,
@@ -34,6 +33,7 @@ from tasks.geometry.scenes import (
     light_scene,
     place_shot,
 )
+from tasks.studio.dancing.limbs import unit
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from storage.schema import JOINTS
-from tasks.geometry.choreography import (
+from tasks.studio.dancing.choreography import (
     LOW,
     NEUTRAL,
     Movement,
@@ -30,8 +30,8 @@ from tasks.geometry.choreography import (
     wait,
     walk,
 )
-from tasks.geometry.figure import CONTROLS, SIDES, Bones, measure_bones, pose_figure
-from tasks.geometry.footwork import carried_over, foot_track, walked_steps
+from tasks.studio.dancing.figure import CONTROLS, SIDES, Bones, measure_bones, pose_figure
+from tasks.studio.dancing.footwork import carried_over, foot_track, walked_steps
 
 REST_S = 0.9
 """Time from the last pose of a movement to the first of the next."""
@@ -98,7 +98,7 @@ def generate_performance(
     Parameters
     ----------
     movements : sequence of Movement
-        See `tasks.geometry.choreography`.
+        See `tasks.studio.dancing.choreography`.
     performer : Performer
         Whose body and tempo.
     day : int

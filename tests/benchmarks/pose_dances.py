@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.geometry.choreography import LOW, lonely, mirrored, okuri48, walk
-from tasks.geometry.limbs import unit
 from tasks.motion.importing import ImportSettings, read_joint_track
+from tasks.studio.dancing.choreography import LOW, lonely, mirrored, okuri48, walk
+from tasks.studio.dancing.limbs import unit
 from tasks.studio.filming import stretch_arms_first
 from tasks.studio.performances import SH, Performer, generate_performance
 

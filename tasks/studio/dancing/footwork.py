@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from tasks.geometry.choreography import Movement, Step
-from tasks.geometry.figure import SIDES, Bones, FootTrack
-from tasks.geometry.limbs import facing
+from tasks.studio.dancing.choreography import Movement, Step
+from tasks.studio.dancing.figure import SIDES, Bones, FootTrack
+from tasks.studio.dancing.limbs import facing
 
 STANCE = 0.055
 """How far a foot stands beside the middle of the body, in shares of body height."""

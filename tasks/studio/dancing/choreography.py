@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tasks.geometry.figure import CONTROLS
+from tasks.studio.dancing.figure import CONTROLS
 
 Pose = dict[str, float]
 Hand = tuple[float, float, float]

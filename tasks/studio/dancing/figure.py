@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.limbs import bend_limb, facing, turned, unit
+from tasks.studio.dancing.limbs import bend_limb, facing, turned, unit
 
 Track = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from storage.schema import JOINTS
-from tasks.geometry.bodies import pose_surface
 from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers, voxel_index
 from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import stretch_arms_first
 from tasks.studio.performances import SH, generate_performance
+from tasks.studio.stage.bodies import pose_surface
 
 VOXEL = 0.02
 GRID = VoxelGrid((-1.39, 0.01, -1.49), VOXEL, (140, 100, 150))

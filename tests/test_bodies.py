@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.geometry.bodies import CHECKS, SEGMENTS, SKIN, pose_surface
 from tasks.studio.dancing.choreography import freely, okuri48
 from tasks.studio.filming import stretch_arms_first
 from tasks.studio.performances import SH, generate_performance
+from tasks.studio.stage.bodies import CHECKS, SEGMENTS, SKIN, pose_surface
 
 ENDS = ("Head", "RFin", "LFin", "RHeel", "LHeel", "RFoot", "LFoot")
 BONES = {

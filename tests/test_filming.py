@@ -8,9 +8,6 @@ from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import read_capture
 from storage.schema import JOINTS
-from tasks.geometry.bodies import CHECKS, pose_surface
-from tasks.geometry.rasterization import draw_triangles, lay_over, project_bent
-from tasks.geometry.scenes import Spoilers, light_scene
 from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import (
     FilmSettings,
@@ -20,6 +17,9 @@ from tasks.studio.filming import (
     stretch_arms_first,
 )
 from tasks.studio.performances import TK, generate_performance
+from tasks.studio.stage.bodies import CHECKS, pose_surface
+from tasks.studio.stage.rasterization import draw_triangles, lay_over, project_bent
+from tasks.studio.stage.scenes import Spoilers, light_scene
 
 ENDS = ("Head", "RFin", "LFin", "RHeel", "LHeel", "RFoot", "LFoot")
 SMALL = RingSettings(cameras=3, overhead=1, size=(88, 64), distortion=(-0.12, 0.02), radius_m=3.5)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.outer_points import outer_vertices, windings
+from tasks.studio.stage.outer_points import outer_vertices, windings
 
 CUBE = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
 SIDES = np.array(

@@ -17,14 +17,14 @@ from storage.formats.capture.capture_toml import Volume
 from storage.schema import JOINTS
 from tasks.capture.films import projection_of
 from tasks.engine.threads import side_by_side
-from tasks.geometry.bodies import BodySurface, pose_surface
 from tasks.geometry.projection import project_points
-from tasks.geometry.rasterization import draw_triangles, project_bent
 from tasks.geometry.voxels import VoxelGrid, count_voxels, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.studio.dancing.choreography import okuri48, radio_arms, radio_knees, radio_sides
 from tasks.studio.filming import RingSettings, generate_cameras, stretch_arms_first
 from tasks.studio.performances import TK, generate_performance
+from tasks.studio.stage.bodies import BodySurface, pose_surface
+from tasks.studio.stage.rasterization import draw_triangles, project_bent
 
 _GRID_M = 0.05  # of the points that say how much of the volume is seen
 _POSES = 6

@@ -23,9 +23,10 @@ from storage.formats.calibration.toml import write_calibration
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
-from tasks.geometry.bodies import SEGMENTS, BodySurface, pose_surface
-from tasks.geometry.outer_points import outer_vertices
-from tasks.geometry.scenes import (
+from tasks.studio.dancing.limbs import unit
+from tasks.studio.stage.bodies import SEGMENTS, BodySurface, pose_surface
+from tasks.studio.stage.outer_points import outer_vertices
+from tasks.studio.stage.scenes import (
     BACKDROPS,
     Spoilers,
     film_empty,
@@ -33,7 +34,6 @@ from tasks.geometry.scenes import (
     light_scene,
     place_shot,
 )
-from tasks.studio.dancing.limbs import unit
 
 
 @dataclass(frozen=True)

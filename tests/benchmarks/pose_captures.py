@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.scenes import Spoilers
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.stage.scenes import Spoilers
 from tests.benchmarks.pose_dances import (
     STUDIO,
     on_floor,

@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.tubes import (
+from tasks.studio.dancing.limbs import unit
+from tasks.studio.stage.tubes import (
     Color,
     Track,
     Tube,
@@ -21,7 +22,6 @@ from tasks.geometry.tubes import (
     shape_stations,
     tube_along,
 )
-from tasks.studio.dancing.limbs import unit
 
 SEGMENTS = (
     *("Head", "Body", "Waist", "RUpperArm", "RForeArm", "LUpperArm", "LForeArm"),

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.bodies import BodySurface
-from tasks.geometry.rasterization import draw_triangles, lay_over, project_bent
 from tasks.studio.dancing.limbs import unit
+from tasks.studio.stage.bodies import BodySurface
+from tasks.studio.stage.rasterization import draw_triangles, lay_over, project_bent
 
 _LIGHT = np.array([0.28, -1.0, 0.22])
 _CELL_M = 0.02

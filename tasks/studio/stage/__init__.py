@@ -1,0 +1,1 @@
+"""How generated performers are filmed."""

@@ -28,7 +28,6 @@ from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.pictures import encode_png
 from storage.publication import read_record
 from storage.recordings import Recording
-from tasks.assembling import Blocks, assemble_take, is_digitized
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings
 from tasks.cached import (
@@ -48,6 +47,7 @@ from tasks.motion.importing import publish_take
 from tasks.reconstruction.carving import CarvingSettings, carve_block
 from tasks.reconstruction.coloring import ColoringSettings, color_block
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
+from tasks.takes.assembling import Blocks, assemble_take, is_digitized
 
 logger = logging.getLogger(__name__)
 

@@ -25,7 +25,6 @@ from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from storage.recordings import digest_capture
-from tasks.assembling import assemble_take
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
 from tasks.capture.films import block_ranges
@@ -35,6 +34,7 @@ from tasks.reconstruction.coloring import ColoringSettings, color_block
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
 from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.studio.performances import demo_performances
+from tasks.takes.assembling import assemble_take
 
 FRAMES, RATE_HZ, LONGER = 150, 30.0, 10
 

@@ -1,0 +1,1 @@
+"""Versions of takes, put together and published."""

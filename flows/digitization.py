@@ -43,11 +43,11 @@ from tasks.capture.films import block_ranges
 from tasks.checks.agreement import check_take
 from tasks.engine.fingerprints import fingerprint
 from tasks.exporting.voxels import picture_initial
-from tasks.motion.importing import publish_take
 from tasks.reconstruction.carving import CarvingSettings, carve_block
 from tasks.reconstruction.coloring import ColoringSettings, color_block
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
 from tasks.takes.assembling import Blocks, assemble_take, is_digitized
+from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
 

@@ -18,7 +18,8 @@ from storage import create_archive
 from storage.errors import ArchiveError, InputError, PlaceError
 from storage.recordings import Recording, Refusal, find_recordings, plan_takes
 from tasks.cached import import_take_once, index_take_once
-from tasks.motion.importing import ImportSettings, publish_take
+from tasks.motion.importing import ImportSettings
+from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
 

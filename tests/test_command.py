@@ -17,10 +17,12 @@ from storage.errors import PlaceError
 from storage.formats import read_motion_file
 from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS
-from tasks.motion.importing import ImportSettings, import_take, publish_take
+from tasks.motion.importing import ImportSettings, import_take
+from tasks.motion.stature import joints_present
 from tasks.retrieval.indexing import index_take
-from tasks.retrieval.normalization import joints_present, pack_motion
+from tasks.retrieval.normalization import pack_motion
 from tasks.retrieval.searching import PackedTake, SearchSettings, clip_take, search_takes
+from tasks.takes.publishing import publish_take
 
 COMMANDS = (
     *("demo", "ingest", "plan", "render", "takes", "show", "path", "search", "index"),

@@ -10,7 +10,6 @@ from storage.formats.pictures.video import open_video, read_blocks
 from storage.schema import JOINTS
 from tasks.body.initial.search import (
     InitialModelSettings,
-    draw_initial_model,
     find_initial_model,
     label_from_joints,
     model_from_joints,
@@ -20,6 +19,7 @@ from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.rendering.initial_model import draw_initial_model
 from tasks.studio.dancing.choreography import freely
 from tasks.studio.performances import TK, generate_performance
 from tests.initial_figures import (

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.body.anatomy.nearest_bones import complete_joints, label_points
-from tasks.body.initial.arms import Trunk, lift_hips, measure_arms
+from tasks.body.anatomy.nearest_bones import label_points
+from tasks.body.anatomy.proportions import complete_joints
+from tasks.body.initial.arms import measure_arms
+from tasks.body.initial.trunk import Trunk, lift_hips
 from tasks.geometry.voxels import voxel_centers
 from tests.initial_figures import GRID, VOXEL, about_y, figure_of, stretched_body, with_arms
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from storage import schema
+from tasks.motion.stature import joints_present, measure_stature
 from tasks.retrieval import normalization
 from tasks.retrieval.normalization import (
     PARTS,
@@ -12,8 +13,6 @@ from tasks.retrieval.normalization import (
     SHOULDER_ROWS,
     clip_samples,
     frame_of_sample,
-    joints_present,
-    measure_stature,
     mirror_rows,
     pack_motion,
     sample_count,

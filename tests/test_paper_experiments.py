@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.retrieval.normalization import joints_present, measure_stature, pack_motion
+from tasks.motion.stature import joints_present, measure_stature
+from tasks.retrieval.normalization import pack_motion
 from tasks.retrieval.searching import PackedTake, clip_take, search_takes
 from tasks.retrieval.weighting import SearchSettings
 from tasks.studio.performances import demo_performances

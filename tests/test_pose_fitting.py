@@ -6,9 +6,10 @@ import pytest
 from storage.schema import JOINTS, SEGMENTS
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
+from tasks.body.anatomy.nearest_bones import bones_of_voxels
 from tasks.body.blobs import blobs
 from tasks.body.blobs.fitting import FitSettings, Target, fit_frame, miss, weigh, worth
-from tasks.body.blobs.model import bones_of_voxels, make_model
+from tasks.body.blobs.model import make_model
 from tasks.body.poses.joint import fit_poses, fitted_blobs
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tests.tube_figures import GRID, figure_of_tubes, model_of

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.motion.stature import joints_present, measure_stature
 from tasks.retrieval import searching
-from tasks.retrieval.normalization import PARTS, joints_present, measure_stature, pack_motion
+from tasks.retrieval.normalization import PARTS, pack_motion
 from tasks.retrieval.searching import (
     Match,
     PackedTake,

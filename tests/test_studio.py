@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.retrieval.normalization import OTHER_SIDE, measure_stature, pack_motion
+from tasks.motion.stature import measure_stature
+from tasks.retrieval.normalization import OTHER_SIDE, pack_motion
 from tasks.studio.dancing.choreography import (
     freely,
     lonely,

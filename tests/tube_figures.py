@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tasks.body.blobs.model import bones_of_voxels, make_model
+from tasks.body.anatomy.nearest_bones import bones_of_voxels
+from tasks.body.blobs.model import make_model
 from tasks.geometry.voxels import VoxelGrid, voxel_centers, voxel_index
 
 GRID = VoxelGrid((-1.0, 0.01, -0.5), 0.02, (100, 92, 50))

@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
-from tasks.geometry.doubts import is_cut_off, unexplained_share
+from tasks.geometry.runs import runs
+from tasks.geometry.sides import is_cut_off
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
-from tasks.motion.gaps import runs
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _LOOKED_AT = 3000  # voxels of a frame: a share of 0.03 is known to 0.003
@@ -92,3 +94,51 @@ def find_doubts(
         "hidden": hidden,
     }
     return {**found, "doubtful": np.logical_or.reduce([doubtful, *found.values()])}
+
+
+def unexplained_share(
+    center: NDArray[np.floating],
+    mean: NDArray[np.floating],
+    inverse: NDArray[np.floating],
+    *,
+    beyond: float = 4.0,
+) -> float:
+    """Return the share of voxels that are far from everything that was fitted.
+
+    Parameters
+    ----------
+    center : (voxel, 3) float
+        Metres; some thousands, evenly from a frame's, tell a share of 0.03 to 0.003.
+    mean : (blob, 3) float
+        Of each blob, metres.
+    inverse : (blob, 3, 3) float
+        Inverse of each blob's covariance, 1 / square metres.
+    beyond
+        How many standard deviations are far.
+
+    Returns
+    -------
+    float
+        0 to 1; 0 where there is no voxel.
+    """
+    if not len(center):
+        return 0.0
+    return _count_far(center, mean, inverse, beyond**2) / len(center)
+
+
+@njit(cache=True, nogil=True)
+def _count_far(points: Any, mean: Any, inverse: Any, beyond: float) -> int:
+    """Return how many points are farther from every blob, in squared standard deviations."""
+    far, b = 0, 0
+    for point in points:
+        for _ in range(len(mean)):  # the blob that was near the point before comes first
+            x, y, z = point[0] - mean[b, 0], point[1] - mean[b, 1], point[2] - mean[b, 2]
+            squared = inverse[b, 0, 0] * x * x + inverse[b, 1, 1] * y * y
+            squared += inverse[b, 2, 2] * z * z + 2 * inverse[b, 1, 2] * y * z
+            squared += 2 * x * (inverse[b, 0, 1] * y + inverse[b, 0, 2] * z)
+            if squared <= beyond:
+                break
+            b = (b + 1) % len(mean)
+        else:
+            far += 1
+    return far

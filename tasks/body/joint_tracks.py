@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
 from tasks.engine.kernels import njit
-from tasks.retrieval.normalization import DEFAULT_STATURE_M, measure_stature
+from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""

@@ -22,7 +22,8 @@ from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tasks.body.anatomy.bones import place_bones
-from tasks.body.anatomy.nearest_bones import complete_joints, label_points
+from tasks.body.anatomy.nearest_bones import label_points
+from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.segments import ORIGINS, local_systems, place_ellipsoids
 from tasks.body.anatomy.shape import measure_body
 from tasks.body.anatomy.skin import SurfaceFrame

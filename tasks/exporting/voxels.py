@@ -23,9 +23,10 @@ from storage.formats.pictures.ply import write_points, write_surface
 from storage.places import told
 from storage.schema import SEGMENTS
 from tasks.body.anatomy.shape import segment_motion
-from tasks.body.initial.search import InitialModel, draw_initial_model, label_from_joints
+from tasks.body.initial.search import InitialModel, label_from_joints
 from tasks.exporting.surfaces import closed_surface, nearest_colors
 from tasks.geometry.voxels import VoxelGrid, encode_runs
+from tasks.rendering.initial_model import draw_initial_model
 
 _MOTION_COLUMNS = (
     *("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"),

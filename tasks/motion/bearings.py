@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from storage.formats.motion.motion_file import MotionFile
 from storage.schema import JOINTS
 from tasks.motion.marker_choice import Choice, place_joints
-from tasks.retrieval.normalization import measure_stature
+from tasks.motion.stature import measure_stature
 
 Positions = NDArray[np.float64]
 

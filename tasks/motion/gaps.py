@@ -4,11 +4,12 @@ SciPy is imported where it is needed: a file without gaps, and a search, must no
 """
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tasks.geometry.runs import inner_runs, runs
 
 _ORDER = 2
 _TWICE = (2**0.5 - 1) ** 0.25  # run forth and back, a filter's cut-off comes down by this much
@@ -36,19 +37,6 @@ def fill_gaps(track: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
         for (_, start), (end, _) in pairwise(edges):
             _fill_between(filled[start:end, marker], missing[start:end, marker])
     return filled
-
-
-def inner_runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield start and stop of each run of True that touches neither end."""
-    for start, stop in runs(flags):
-        if start > 0 and stop < len(flags):
-            yield start, stop
-
-
-def runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield start and stop (exclusive) of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def filter_low_pass(

@@ -22,24 +22,22 @@ from storage.formats.motion.joint_map import JointMap
 from storage.formats.motion.joint_map import read_joint_map as read_joint_map
 from storage.formats.motion.motion_file import MotionFile
 from storage.places import Place
-from storage.provenance import Provenance, digest_file, now, recorded
+from storage.provenance import Provenance, digest_file, recorded
 from storage.publication import (
     Record,
     describe_files,
     discard_version,
     new_version,
-    next_number,
-    publish_record,
-    read_record,
     version_folder,
 )
-from storage.recordings import Recording, remember_source
+from storage.recordings import Recording
 from storage.schema import JOINTS
+from tasks.geometry.runs import inner_runs
 from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_notes
-from tasks.motion.gaps import fill_gaps, filter_low_pass, inner_runs
+from tasks.motion.gaps import fill_gaps, filter_low_pass
 from tasks.motion.marker_choice import Choice, choose_points, place_joints
+from tasks.motion.stature import DEFAULT_STATURE_M, joints_present, measure_stature
 from tasks.motion.virtual_joints import plan_points
-from tasks.retrieval.normalization import DEFAULT_STATURE_M, joints_present, measure_stature
 
 logger = logging.getLogger(__name__)
 
@@ -373,24 +371,3 @@ def is_imported(
     """Say whether what `import_take` wrote is still there, every byte of it."""
     place = open_archive(archive).place
     return describe_files(place, draft["take"], draft["version"]) == draft["files"]
-
-
-def publish_take(archive: str, draft: dict[str, Any]) -> bool:
-    """Make a version what its take is; return False where it already was.
-
-    Raises
-    ------
-    ConflictError
-        If another run published the take in the meantime.
-    """
-    opened = open_archive(archive)
-    place, take = opened.place, draft["take"]
-    current = read_record(place, take)
-    if current and current.version == draft["version"]:
-        return False
-    number = next_number(place, take)
-    record = replace(Record(**draft), number=number, published=now())
-    publish_record(place, record)
-    remember_source(opened, record)
-    logger.info("published take %s, version %d", take, number)
-    return True

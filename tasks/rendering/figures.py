@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
+from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
 from tasks.rendering.drawing.canvas import (
     BLUE,
     FINE,
@@ -32,12 +33,7 @@ from tasks.rendering.drawing.canvas import (
     round_numbers,
 )
 from tasks.rendering.drawing.stick_figures import draw_figure
-from tasks.retrieval.normalization import (
-    DEFAULT_STATURE_M,
-    INDEX_RATE_HZ,
-    measure_stature,
-    pack_motion,
-)
+from tasks.retrieval.normalization import INDEX_RATE_HZ, pack_motion
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import JOINTS
+from tasks.body.initial.search import InitialModel
+from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 from tasks.rendering.drawing.canvas import (
     FINE,
     INK,
@@ -98,3 +101,32 @@ def _spacing(point: Points) -> float:
     """Return the least distance between two heights of points: a voxel's edge."""
     step = np.diff(np.unique(point[:, 1].round(6)))
     return float(step.min()) if len(step) else 0.01
+
+
+def draw_initial_model(model: InitialModel, runs: VoxelRuns, grid: VoxelGrid) -> NDArray[np.uint8]:
+    """Return a picture of the labelled voxels with the joints, from the front and the left.
+
+    Returns
+    -------
+    (480, 960, 3) uint8
+        RGB. Seen from the front the performer's left is on the right.
+
+    Raises
+    ------
+    ValueError
+        The model's labels are not those of its frame's voxels.
+    """
+    point = voxel_centers(grid, voxel_index(runs, model.frame))
+    if len(point) != len(model.label) or not len(point):
+        raise ValueError(
+            f"a model of {len(model.label)} labels was given with {len(point)} voxels of frame "
+            f"{model.frame}; pass the hulls it was made of, with somebody in that frame"
+        )
+    joints = dict(zip(JOINTS, model.position, strict=True))
+    across = (joints["LShoulder"] - joints["RShoulder"]) * [1.0, 0.0, 1.0]
+    left = across / max(float(np.linalg.norm(across)), 1e-9)
+    back = -np.cross(left, [0.0, 1.0, 0.0])
+    label = np.asarray(model.label, np.uint8)
+    title = f"frame {model.frame}, confidence {model.confidence:.2f}"
+    front = draw_from(point, label, joints, left, title)
+    return np.concatenate([front, draw_from(point, label, joints, back, "from the left")], axis=1)

@@ -15,7 +15,7 @@ from storage import Archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
 from storage.publication import Record
-from tasks.retrieval.normalization import DEFAULT_STATURE_M
+from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.searching import (
     Match,
     Query,

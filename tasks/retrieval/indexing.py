@@ -11,7 +11,8 @@ from storage import open_archive
 from storage.arrays.groups import open_group
 from storage.arrays.search import verify_search_array, write_search_array
 from storage.publication import version_folder
-from tasks.retrieval.normalization import DEFAULT_STATURE_M, pack_motion
+from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.normalization import pack_motion
 
 logger = logging.getLogger(__name__)
 

@@ -22,6 +22,7 @@ from storage.arrays.search import open_search_array
 from storage.errors import ArchiveError
 from storage.places import Place
 from storage.publication import Record
+from tasks.motion.stature import joints_present
 from tasks.retrieval.normalization import (
     INDEX_RATE_HZ,
     OTHER_SIDE,
@@ -30,7 +31,6 @@ from tasks.retrieval.normalization import (
     SHOULDER_ROWS,
     clip_samples,
     frame_of_sample,
-    joints_present,
     mirror_rows,
     pack_motion,
 )

@@ -35,7 +35,7 @@ from tasks.body.anatomy.shape import measure_body
 from tasks.body.joint_tracks import JointTrackSettings, build_joint_track, track_stature
 from tasks.capture.films import grid_of, largest_image
 from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
-from tasks.retrieval.normalization import joints_present
+from tasks.motion.stature import joints_present
 
 _NO_CAMERA = 255
 _SETTINGS = {"initial_model": "posing", "pose": "posing", "labels": "posing"}

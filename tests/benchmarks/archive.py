@@ -17,8 +17,9 @@ from storage.arrays.groups import write_motion
 from storage.provenance import recorded
 from storage.publication import Record, describe_files, new_version, publish_record, version_folder
 from storage.schema import JOINTS
+from tasks.motion.stature import measure_stature
 from tasks.retrieval.indexing import index_take
-from tasks.retrieval.normalization import INDEX_RATE_HZ, measure_stature
+from tasks.retrieval.normalization import INDEX_RATE_HZ
 from tasks.studio.dancing.choreography import freely, lonely, okuri48, walk
 from tasks.studio.performances import SH, TK, YS, generate_performance
 

@@ -28,13 +28,13 @@ from storage.recordings import digest_capture
 from tasks.body.labeling import label_block
 from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
 from tasks.capture.films import block_ranges
-from tasks.motion.importing import publish_take
 from tasks.reconstruction.carving import CarvingSettings, carve_block
 from tasks.reconstruction.coloring import ColoringSettings, color_block
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
 from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.studio.performances import demo_performances
 from tasks.takes.assembling import assemble_take
+from tasks.takes.publishing import publish_take
 
 FRAMES, RATE_HZ, LONGER = 150, 30.0, 10
 

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.retrieval.normalization import PARTS, ROWS, measure_stature
+from tasks.motion.stature import measure_stature
+from tasks.retrieval.normalization import PARTS, ROWS
 from tasks.retrieval.searching import PackedTake, Query, SearchSettings, clip_motion
 
 JOINTS = PARTS["whole"]

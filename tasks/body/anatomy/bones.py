@@ -25,6 +25,8 @@ BONES = (
 )  # fmt: skip
 """The bones: the eleven segments in the order of the archive, then what they leave apart."""
 
+BONE_NUMBER = {name: k for k, name in enumerate(BONES)}
+
 PARENT = np.array([1, -1, 1, 1, 3, 1, 5, 2, 7, 2, 9, 4, 6, 8, 10])
 """(bone,) the bone that each hangs on; -1 for the root."""
 
@@ -42,7 +44,6 @@ PROXIMAL = (
 )  # fmt: skip
 """The joint that each bone turns about."""
 
-UNKNOWNS = 3 + 3 * len(BONES)
 
 Floats = NDArray[np.float64]
 
@@ -229,134 +230,3 @@ def _average(rotations: Any, share: Any, out: Any) -> None:
         for p in range(rotations.shape[0]):
             step += share[p] * _vector(over(rotations[p, k], out[k]))
         out[k] = times(_rotation(step), out[k])
-
-
-@njit(cache=True, nogil=True)
-def _add_point(
-    k: int, point: Any, weight: Any, residual: Any, joints: Any, normal: Any, right: Any
-) -> None:
-    """Add a point that rides on bone k to the normal equations.
-
-    `weight` (3, 3) is the information about the point's place, `residual` (3,) what it should
-    move by. The unknowns are the root's translation, then a twist of each bone about its joint,
-    in world axes, that all bones below share.
-    """
-    force = _on(weight, residual)
-    for a in range(3):
-        right[a] += force[a]
-        for b in range(3):
-            normal[a, b] += weight[a, b]
-    i = k
-    while i >= 0:
-        row = 3 + 3 * i
-        x, y, z = point[0] - joints[i, 0], point[1] - joints[i, 1], point[2] - joints[i, 2]
-        right[row] += y * force[2] - z * force[1]
-        right[row + 1] += z * force[0] - x * force[2]
-        right[row + 2] += x * force[1] - y * force[0]
-        lever = np.empty((3, 3))  # [point - joint] x weight
-        for b in range(3):
-            lever[0, b] = y * weight[2, b] - z * weight[1, b]
-            lever[1, b] = z * weight[0, b] - x * weight[2, b]
-            lever[2, b] = x * weight[1, b] - y * weight[0, b]
-            for a in range(3):
-                normal[row + a, b] += lever[a, b]
-                normal[b, row + a] += lever[a, b]
-        j = k
-        while j >= 0:
-            column = 3 + 3 * j
-            u, v, w = point[0] - joints[j, 0], point[1] - joints[j, 1], point[2] - joints[j, 2]
-            for a in range(3):
-                normal[row + a, column] += v * lever[a, 2] - w * lever[a, 1]
-                normal[row + a, column + 1] += w * lever[a, 0] - u * lever[a, 2]
-                normal[row + a, column + 2] += u * lever[a, 1] - v * lever[a, 0]
-            j = PARENT[j]
-        i = PARENT[i]
-
-
-@njit(cache=True, nogil=True)
-def _add_turn(k: int, turn: Any, weight: float, normal: Any, right: Any) -> None:
-    """Add the wish that bone k turns by a vector about its joint, all directions alike."""
-    for a in range(3):
-        right[3 + 3 * k + a] += weight * turn[a]
-        normal[3 + 3 * k + a, 3 + 3 * k + a] += weight
-
-
-@njit(cache=True, nogil=True)
-def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: Any) -> None:
-    """Add a limit (weight, direction of the bone, axis, most): most >= axis . turned bone."""
-    excess = -limit[7]
-    along = _on(turned, limit[1:4])
-    for a in range(3):
-        excess += along[a] * limit[4 + a]
-    if excess <= 0:
-        return
-    slope = _on(frame, np.cross(along, limit[4:7]))
-    for a in range(3):
-        right[3 + 3 * k + a] -= limit[0] * excess * slope[a]
-        for b in range(3):
-            normal[3 + 3 * k + a, 3 + 3 * k + b] += limit[0] * slope[a] * slope[b]
-
-
-@njit(cache=True, nogil=True)
-def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: Any, right: Any):
-    """Add what is known of every bone before a frame is seen.
-
-    rotation : (bone, 3, 3) the pose now; ahead : (bone, 3, 3) the pose foreseen
-    stiffness : (bone, 2) information per rad**2 of the foreseen and of the initial local turn
-    limits : (limit, 9) bone, then what `_add_limit` takes, in axes of the initial pose
-    """
-    for k in ORDER:
-        here = _local(rotation, k)
-        frame = np.eye(3) if PARENT[k] < 0 else rotation[PARENT[k]]
-        step = _vector(over(_local(ahead, k), here))
-        _add_turn(k, _on(frame, step), stiffness[k, 0], normal, right)
-        _add_turn(k, -_on(frame, _vector(here)), stiffness[k, 1], normal, right)
-        for limit in limits:
-            if limit[0] == k:
-                _add_limit(k, limit[1:], here, frame, normal, right)
-
-
-@njit(cache=True, nogil=True)
-def add_points(bone: Any, points: Any, weights: Any, residuals: Any, joints: Any, system: Any):
-    """Add points on bones to the normal equations `system` (unknown, unknown + 1).
-
-    points, residuals : (point, 3); weights : (point, 3, 3) information, not added where zero
-    """
-    normal, right = system[:, :-1], system[:, -1]
-    for p in range(len(bone)):
-        if weights[p, 0, 0] > 0:
-            _add_point(bone[p], points[p], weights[p], residuals[p], joints, normal, right)
-
-
-@njit(cache=True, nogil=True)
-def solve(system: Any, step: Any) -> None:
-    """Write the solution of the normal equations `system` (unknown, unknown + 1), which change.
-
-    A bone's unknowns meet those of the bones that it hangs on only, and these come before them but
-    for the head's, which meets the same: eliminated from the last to the first, no zero is filled
-    (George and Liu 1981), and most of the matrix is never looked at.
-    """
-    count = system.shape[0]
-    for k in range(count - 1, -1, -1):
-        for i in range(k):
-            if system[k, i] != 0.0:
-                share = system[k, i] / system[k, k]
-                for j in range(i + 1):
-                    system[i, j] -= share * system[k, j]
-                system[i, count] -= share * system[k, count]
-    for k in range(count):
-        step[k] = system[k, count]
-        for i in range(k):
-            step[k] -= system[k, i] * step[i]
-        step[k] /= system[k, k]
-
-
-@njit(cache=True, nogil=True)
-def move(step: Any, rotation: Any, turned: Any) -> None:
-    """Write the rotations after a step of the unknowns."""
-    total = np.zeros((rotation.shape[0], 3))
-    for k in ORDER:
-        total[k] = step[3 + 3 * k : 6 + 3 * k]
-        if PARENT[k] >= 0:
-            total[k] += total[PARENT[k]]
-        turned[k] = times(_rotation(total[k]), rotation[k])

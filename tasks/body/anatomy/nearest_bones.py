@@ -10,7 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from tasks.body.anatomy.bones import BONE_NUMBER, Floats
+from tasks.body.anatomy.proportions import Points, body_size, unit
 
 BONES = (
     (1, "Neck", "Head", 0.060, 0.055),
@@ -47,38 +48,6 @@ CLOTH = 0.015
 """How much thicker a limb is than its bone's radius at most, before it is cloth, statures."""
 
 
-def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:
-    """Return (3,) joints with the waist, wrists, ankles and heels put in where missing."""
-    whole = {name: np.asarray(place, np.float64) for name, place in joints.items()}
-    whole = {name: place for name, place in whole.items() if np.isfinite(place).all()}
-    hips = (whole["RHip"] + whole["LHip"]) / 2.0
-    front = np.cross(whole["LHip"] - whole["RHip"], [0.0, 1.0, 0.0])
-    whole.setdefault("Waist", whole["Neck"] + 0.56 * (hips - whole["Neck"]))
-    for side in "RL":
-        elbow, tip = whole[f"{side}Elbow"], whole[f"{side}Fin"]
-        knee, toe = whole[f"{side}Knee"], whole[f"{side}Foot"]
-        shank = float(np.linalg.norm(knee - whole[f"{side}Hip"]))
-        whole.setdefault(f"{side}Wrist", elbow + 0.62 * (tip - elbow))
-        ahead = toe - whole[f"{side}Ankle"] if f"{side}Ankle" in whole else front
-        whole.setdefault(f"{side}Heel", toe - 0.62 * shank * _unit(ahead * [1.0, 0.0, 1.0]))
-        above = np.array([0.0, 0.10 * shank, 0.0])
-        ankle = whole[f"{side}Heel"] + 0.25 * (toe - whole[f"{side}Heel"]) + above
-        whole.setdefault(f"{side}Ankle", ankle)
-    return whole
-
-
-def body_size(joints: Mapping[str, Points]) -> float:
-    """Return the stature that the bones of the joints belong to, metres."""
-
-    def length(a: str, b: str) -> float:
-        return float(np.linalg.norm(joints[a] - joints[b]))
-
-    hips = (joints["RHip"] + joints["LHip"]) / 2.0
-    trunk = length("Head", "Neck") + float(np.linalg.norm(joints["Neck"] - hips))
-    legs = [length(f"{s}Hip", f"{s}Knee") + length(f"{s}Knee", f"{s}Ankle") for s in "RL"]
-    return (trunk + sum(legs) / 2.0) / 0.961
-
-
 def label_points(
     point: Points, joints: Mapping[str, Points], *, whole_arms: bool = False
 ) -> NDArray[np.uint8]:
@@ -89,7 +58,7 @@ def label_points(
     """
     size = body_size(joints)
     places = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2.0}
-    across = _unit(joints["LShoulder"] - joints["RShoulder"])
+    across = unit(joints["LShoulder"] - joints["RShoulder"])
     least = np.full(len(point), np.inf)
     label = np.zeros(len(point), np.uint8)
     for number, first, last, thick, thin in BONES:
@@ -146,11 +115,11 @@ def _cut_off_head_and_arms(
     sizes : the body's, and how far the arms' planes are inward of their joints, m
     """
     size, inward = sizes
-    up = _unit(places["Neck"] - places["Hips"])
-    across = _unit(places["LShoulder"] - places["RShoulder"])
+    up = unit(places["Neck"] - places["Hips"])
+    across = unit(places["LShoulder"] - places["RShoulder"])
     cuts = [(1, places["Neck"], places["Head"] - places["Neck"], NECK_REACH)]
     for number, side, outward in ((4, "R", -across), (6, "L", across)):
-        arm = _unit(places[f"{side}Elbow"] - places[f"{side}Shoulder"])
+        arm = unit(places[f"{side}Elbow"] - places[f"{side}Shoulder"])
         inner = places[f"{side}Shoulder"] - inward * outward
         cuts.append((number, inner, outward + arm + up, SHOULDER_REACH))
     for number, place, normal, reach in cuts:
@@ -165,24 +134,39 @@ def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.ui
 
     One halves the bend of the spine where the ribs end; one through each hip rises outwards.
     """
-    up = _unit(places["Waist"] - places["Hips"])
-    across = _unit(places["LHip"] - places["RHip"])
+    up = unit(places["Waist"] - places["Hips"])
+    across = unit(places["LHip"] - places["RHip"])
     ribs = places["Hips"] + ((places["Head"] - places["Hips"]) @ up) * up
     ribs -= RIBS_BELOW_TOP * body_size(places) * up
-    above = (point - ribs) @ (up + _unit(places["Neck"] - places["Waist"])) >= 0
+    above = (point - ribs) @ (up + unit(places["Neck"] - places["Waist"])) >= 0
     label[(label == 3) & above] = 2
     label[(label == 2) & ~above] = 3
     left = (point - places["Hips"]) @ across > 0
     loins = (label == 3) | (label == 8) | (label == 10)
     for number, side, outward, is_side in ((8, "R", -across, ~left), (10, "L", across, left)):
         hip = places[f"{side}Hip"]
-        normal = _unit(up - _unit(places[f"{side}Knee"] - hip)) - GROIN_RISE * outward
+        normal = unit(up - unit(places[f"{side}Knee"] - hip)) - GROIN_RISE * outward
         here = loins & is_side
         is_leg = here & ((point - hip) @ normal < 0)
         label[here & ~is_leg] = 3
         label[is_leg & (label == 3)] = number
 
 
-def _unit(vector: Points) -> Points:
-    """Return a vector of length 1; 0 where it has none."""
-    return vector / max(float(np.linalg.norm(vector)), 1e-9)
+def bones_of_voxels(
+    points: Floats, labels: NDArray[np.integer], ends: dict[str, Floats], forward: Floats
+) -> NDArray[np.int64]:
+    """Return (voxel,) the bone of each labeled voxel, -1 for unlabeled: hands and feet apart.
+
+    `ends` are the joints by name; a hand begins at the wrist, a foot before or below the ankle.
+    """
+    bone = labels.astype(np.int64) - 1
+    stature = ends["Head"][1] - min(ends["RFoot"][1], ends["LFoot"][1])
+    for side in "RL":
+        arm = ends[side + "Fin"] - ends[side + "Elbow"]
+        beyond = (points - ends[side + "Wrist"]) @ arm > 0
+        bone[(bone == BONE_NUMBER[side + "ForeArm"]) & beyond] = BONE_NUMBER[side + "Hand"]
+        below = points - ends[side + "Ankle"]
+        low = below[:, 1] < 0.03 * stature
+        foot = (below[:, 1] < 0) | (low & (below @ forward > 0.03 * stature))
+        bone[(bone == BONE_NUMBER[side + "LowerLeg"]) & foot] = BONE_NUMBER[side + "Foot"]
+    return bone

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.bones import BONES, PARENT, PROXIMAL, UNKNOWNS, Floats
+from tasks.body.anatomy.bones import BONES, PARENT, PROXIMAL, Floats
+from tasks.body.blobs.least_squares import UNKNOWNS
 
 _HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
 _BELOW = np.zeros((len(BONES), len(BONES)), np.bool_)  # [j, k]: bone k is j or hangs on it

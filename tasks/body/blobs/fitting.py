@@ -11,20 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from tasks.body.anatomy.bones import (
-    BONES,
-    UNKNOWNS,
-    Floats,
-    Pose,
-    add_points,
-    add_priors,
-    move,
-    place_bones,
-    place_joints,
-    solve,
-)
+from tasks.body.anatomy.bones import BONES, Floats, Pose, place_bones, place_joints
 from tasks.body.blobs.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
+from tasks.body.blobs.least_squares import UNKNOWNS, add_points, add_priors, move, solve
 from tasks.body.blobs.model import FitModel
 from tasks.engine.kernels import njit
 

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.bones import BONES, PROXIMAL, Floats, Pose, place_bones
+from tasks.body.anatomy.bones import BONE_NUMBER, BONES, PROXIMAL, Floats, Pose, place_bones
 from tasks.body.blobs.blobs import Blobs, make_blobs, place_blobs
-
-_B = {name: k for k, name in enumerate(BONES)}
 
 _BLOBS = np.array([3, 8, 5, 3, 3, 3, 3, 4, 4, 4, 4, 2, 2, 2, 2])  # by size and bending
 _THICKNESS = np.array(  # statures: what is farther from a bone's line is cloth
     [0.1, 0.2, 0.2, 0.05, 0.045, 0.05, 0.045, 0.085, 0.06, 0.085, 0.06, 0.045, 0.045, 0.2, 0.2]
 )
 _CARRIER = {  # what carries the cloth around a bone: sleeves hang from arms, skirts from the waist
-    _B[side + part]: _B["Waist" if "Leg" in part else side + part]
+    BONE_NUMBER[side + part]: BONE_NUMBER["Waist" if "Leg" in part else side + part]
     for side in "RL"
     for part in ("UpperArm", "ForeArm", "Hand", "UpperLeg", "LowerLeg")
 }
@@ -104,26 +102,6 @@ def place_model(model: FitModel, pose: Pose) -> tuple[Floats, Floats]:
     return placed[0][:own], placed[1][:own]
 
 
-def bones_of_voxels(
-    points: Floats, labels: NDArray[np.integer], ends: dict[str, Floats], forward: Floats
-) -> NDArray[np.int64]:
-    """Return (voxel,) the bone of each labeled voxel, -1 for unlabeled: hands and feet apart.
-
-    `ends` are the joints by name; a hand begins at the wrist, a foot before or below the ankle.
-    """
-    bone = labels.astype(np.int64) - 1
-    stature = ends["Head"][1] - min(ends["RFoot"][1], ends["LFoot"][1])
-    for side in "RL":
-        arm = ends[side + "Fin"] - ends[side + "Elbow"]
-        beyond = (points - ends[side + "Wrist"]) @ arm > 0
-        bone[(bone == _B[side + "ForeArm"]) & beyond] = _B[side + "Hand"]
-        below = points - ends[side + "Ankle"]
-        low = below[:, 1] < 0.03 * stature
-        foot = (below[:, 1] < 0) | (low & (below @ forward > 0.03 * stature))
-        bone[(bone == _B[side + "LowerLeg"]) & foot] = _B[side + "Foot"]
-    return bone
-
-
 def make_model(
     points: Floats, bone: NDArray[np.integer], joints: dict[str, Floats], forward: Floats
 ) -> FitModel:
@@ -184,20 +162,20 @@ def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
     own length by 80, 60 and 53; a hand bends by 80.
     """
     rows = [
-        [_B["Head"], 1, *forward, *-forward, -0.17],
-        [_B["Waist"], 1, *left, *-left, -0.5],
+        [BONE_NUMBER["Head"], 1, *forward, *-forward, -0.17],
+        [BONE_NUMBER["Waist"], 1, *left, *-left, -0.5],
     ]
     for side in "RL":
         shin = joints[side + "Ankle"] - joints[side + "Knee"]
         shin = shin / np.linalg.norm(shin)
         for axis, most in ((forward, 0.1), (left, 0.2), (-left, 0.2)):
-            rows.append([_B[side + "LowerLeg"], 1, *shin, *axis, most])
+            rows.append([BONE_NUMBER[side + "LowerLeg"], 1, *shin, *axis, most])
         for part, cosine in (("UpperLeg", 0.17), ("LowerLeg", 0.5), ("Foot", 0.6)):
-            rows.append([_B[side + part], 1, *left, *-left, -cosine])
+            rows.append([BONE_NUMBER[side + part], 1, *left, *-left, -cosine])
         arm = joints[side + "Wrist"] - joints[side + "Elbow"]
         arm = arm / np.linalg.norm(arm)
-        rows.append([_B[side + "ForeArm"], 1, *arm, *-arm, 0.9])
+        rows.append([BONE_NUMBER[side + "ForeArm"], 1, *arm, *-arm, 0.9])
         shank = joints[side + "Fin"] - joints[side + "Wrist"]
         shank = shank / np.linalg.norm(shank)
-        rows.append([_B[side + "Hand"], 1, *shank, *-shank, -0.17])
+        rows.append([BONE_NUMBER[side + "Hand"], 1, *shank, *-shank, -0.17])
     return np.array(rows)

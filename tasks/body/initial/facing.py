@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.initial.arms import Arms, Points, Trunk
+from tasks.body.initial.arms import Arms, Points
+from tasks.body.initial.trunk import Trunk
 
 
 def vote_facing(

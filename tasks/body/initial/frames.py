@@ -21,7 +21,7 @@ from tasks.body.initial.held_hulls import (
     held_crop,
     pieces_of_body,
 )
-from tasks.geometry.doubts import cut_off_at
+from tasks.geometry.sides import cut_off_at
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"

@@ -13,10 +13,7 @@ from tasks.body.initial.arms import (
     SHOULDER_SHARE,
     UPPER_ARM_SHARE,
     Arms,
-    Trunk,
     lengthen_arms,
-    lift_hips,
-    measure_trunk,
     missing_reach,
 )
 from tasks.body.initial.facing import vote_facing
@@ -29,6 +26,7 @@ from tasks.body.initial.legs import (
     measure_depths,
     measure_leg,
 )
+from tasks.body.initial.trunk import Trunk, lift_hips, measure_trunk
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 Points = NDArray[np.float64]

@@ -17,11 +17,11 @@ from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.body.anatomy.nearest_bones import NEEDED, complete_joints, label_points
+from tasks.body.anatomy.nearest_bones import NEEDED, label_points
+from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
 from tasks.body.initial.joints import bones_inside, find_joints
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
-from tasks.rendering.initial_model import draw_from
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,32 +213,3 @@ def _refuse_what_is_no_body(
             f"where {settings.least_inside:.0%} or more are wanted: something in the hands, a "
             f"second person or other clothes were taken for the arms; {WAY_OUT}"
         )
-
-
-def draw_initial_model(model: InitialModel, runs: VoxelRuns, grid: VoxelGrid) -> NDArray[np.uint8]:
-    """Return a picture of the labelled voxels with the joints, from the front and the left.
-
-    Returns
-    -------
-    (480, 960, 3) uint8
-        RGB. Seen from the front the performer's left is on the right.
-
-    Raises
-    ------
-    ValueError
-        The model's labels are not those of its frame's voxels.
-    """
-    point = voxel_centers(grid, voxel_index(runs, model.frame))
-    if len(point) != len(model.label) or not len(point):
-        raise ValueError(
-            f"a model of {len(model.label)} labels was given with {len(point)} voxels of frame "
-            f"{model.frame}; pass the hulls it was made of, with somebody in that frame"
-        )
-    joints = dict(zip(JOINTS, model.position, strict=True))
-    across = (joints["LShoulder"] - joints["RShoulder"]) * [1.0, 0.0, 1.0]
-    left = across / max(float(np.linalg.norm(across)), 1e-9)
-    back = -np.cross(left, [0.0, 1.0, 0.0])
-    label = np.asarray(model.label, np.uint8)
-    title = f"frame {model.frame}, confidence {model.confidence:.2f}"
-    front = draw_from(point, label, joints, left, title)
-    return np.concatenate([front, draw_from(point, label, joints, back, "from the left")], axis=1)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONES, SEGMENT
-from tasks.body.anatomy.nearest_bones import body_size, complete_joints, is_limb
-from tasks.body.blobs.model import bones_of_voxels
+from tasks.body.anatomy.nearest_bones import bones_of_voxels, is_limb
+from tasks.body.anatomy.proportions import body_size, complete_joints
 from tasks.body.labels.fields import BoneFields, make_fields, nearest_bones
 from tasks.body.labels.regions import clean_labels
 from tasks.engine.kernels import njit

@@ -17,7 +17,7 @@ from tasks.body.blobs.model import place_model
 from tasks.body.poses.limbs import LIMBS
 from tasks.body.poses.passes import Fitting, reach_best
 from tasks.engine.threads import side_by_side
-from tasks.motion.gaps import runs
+from tasks.geometry.runs import runs
 
 Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
 

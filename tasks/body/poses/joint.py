@@ -25,11 +25,12 @@ from tasks.body.anatomy.bones import (
     place_bones,
     rest_pose,
 )
-from tasks.body.anatomy.nearest_bones import complete_joints
+from tasks.body.anatomy.nearest_bones import bones_of_voxels
+from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.blobs.fitting import (
     Fit,
 )
-from tasks.body.blobs.model import FitModel, bones_of_voxels, make_model, place_model
+from tasks.body.blobs.model import FitModel, make_model, place_model
 from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
 from tasks.body.poses.hands import look_for_hands
 from tasks.body.poses.passes import Fitting, PoseSettings, follow, merge, settle, settle_centers

@@ -17,7 +17,7 @@ from tasks.body.blobs.model import middles
 from tasks.body.poses.limbs import LIMBS, Limb
 from tasks.body.poses.passes import Fitting, follow, merge, reach_best, settle
 from tasks.engine.threads import side_by_side
-from tasks.motion.gaps import runs
+from tasks.geometry.runs import runs
 
 _PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))  # arms and legs, and the cues of their ends
 

@@ -4,7 +4,7 @@ Nothing in the numbers of a calibration says that a camera was matched to the wr
 the floor is not at y = 0; a drawing of the floor and the volume over the background does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -14,7 +14,8 @@ from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import Capture
 from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.footage import read_picture
-from tasks.geometry.cameras import project
+from tasks.capture.films import projection_of
+from tasks.geometry.projection import Projection, project_points
 from tasks.rendering.drawing.canvas import (
     BLUE,
     FINE,
@@ -211,15 +212,21 @@ def _draw(
 ) -> None:
     """Draw a line of the world as the lens bends it, where the camera sees it."""
     steps = np.linspace(0.0, 1.0, 65)[:, None]
-    pixel, _ = project(
-        start + steps * (end - start),
-        camera.intrinsics,
-        camera.distortion,
-        camera.rotation,
-        camera.translation,
-    )
-    farthest = 8 * max(camera.width, camera.height)  # beyond, fixed-point drawing overflows
-    near = np.asarray(np.abs(pixel).max(axis=-1) < farthest)
-    place = (pixel + 0.5) * larger - 0.5
+    [pixel], _ = project_points(start + steps * (end - start), _widened(camera))
+    place = (pixel - _beyond(camera) + 0.5) * larger - 0.5
+    near = np.isfinite(pixel[:, 0])
     for i in np.flatnonzero(near[:-1] & near[1:]):
         draw_line(image, place[i], place[i + 1], color, thickness)
+
+
+def _beyond(camera: Camera) -> int:
+    """Return how far beside the image lines are drawn, px: farther, fixed-point drawing overflows."""
+    return 8 * max(camera.width, camera.height)
+
+
+def _widened(camera: Camera) -> Projection:
+    """Return a camera that also sees what is beside its image; pixels are moved by `_beyond`."""
+    seen, more = projection_of([camera]), _beyond(camera)
+    intrinsics = seen.intrinsics.copy()
+    intrinsics[:, :2, 2] += more
+    return replace(seen, intrinsics=intrinsics, image_size=seen.image_size + 2 * more)

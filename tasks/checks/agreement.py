@@ -2,8 +2,8 @@
 
 A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
 are of one performer and the cameras stand where the calibration says. The share of a silhouette
-that the hull *explains* tells how far that holds; `tasks.checks.contradictions` finds who is to blame
-where it does not. Here it is said in words, and what is to be done.
+that the hull *explains* tells how far that holds; `tasks.checks.contradictions` finds the camera
+that is to blame where it does not. Here it is said in words, and what is to be done.
 """
 
 from collections.abc import Sequence
@@ -359,7 +359,7 @@ def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> 
     archive, capture
         Where the blocks are, and the folder with the calibration and the volume.
     blocks
-        As `tasks.reconstruction.silhouettes.extract_block` returned them, in the order of the frames.
+        As `extract_block` returned them, in the order of the frames.
 
     Raises
     ------

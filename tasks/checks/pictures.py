@@ -220,7 +220,7 @@ def _draw(
 
 
 def _beyond(camera: Camera) -> int:
-    """Return how far beside the image lines are drawn, px: farther, fixed-point drawing overflows."""
+    """Return how far beside the image lines are drawn, px: farther, fixed point overflows."""
     return 8 * max(camera.width, camera.height)
 
 

@@ -6,8 +6,8 @@ runs on. A kernel of ours is therefore kept together with the digests of its fil
 file of ours behind it, and counts only where all of them are as they were.
 
 numba has no public way to say so for some kernels and not for all packages. `FunctionCache`,
-`CompileResultCacheImpl` and the `_cache` of a dispatcher are its own; tests/test_kernels.py tells
-when they change.
+`CompileResultCacheImpl` and the `_cache` of a dispatcher are its own;
+tests/tasks/engine/test_kernels.py tells when they change.
 """
 
 import functools

@@ -5,7 +5,7 @@ it (shape from silhouette; Laurentini 1994). The center is projected with the le
 in float64 (`tasks.geometry.projection`) and belongs to the nearest pixel of the image as
 filmed. A camera that does not see the center, behind it or outside its image, does not vote;
 the paper's cameras see everything, here a voxel that too few cameras see is empty. Boxes are
-decided as a whole where they can be (`tasks.reconstruction.boxes.carving`); the result is the one of
+decided as a whole where they can be (`tasks.reconstruction.boxes.carving`); the result is that of
 testing each voxel.
 """
 

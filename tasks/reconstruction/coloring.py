@@ -3,8 +3,8 @@
 The cameras that see a surface voxel each have a candidate color for it, the pixel in which it
 is filmed; the voxel takes the candidate nearest to the mean of its candidates.
 
-Which cameras see a voxel is found in `tasks.reconstruction.sight.visibility`; the paper says "observed in the
-image" only.
+Which cameras see a voxel is found in `tasks.reconstruction.sight.visibility`; the paper says
+"observed in the image" only.
 """
 
 import math
@@ -245,7 +245,7 @@ def color_block(
     capture, digest
         The folder with the calibration, and the digest of what is in it.
     silhouettes, hulls
-        As `tasks.reconstruction.silhouettes.extract_block` and `tasks.reconstruction.carving.carve_block` returned them.
+        As `extract_block` and `carve_block` returned them.
     into
         Path of the block in the archive.
     settings

@@ -10,8 +10,7 @@ from storage import create_archive, open_archive
 from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ConflictError, InputError, PlaceError
 from storage.publication import collect_garbage, publish_record, verify_take
-
-from .takes import publish, publish_until_killed, write_version
+from tests.figures.takes import publish, publish_until_killed, write_version
 
 pytestmark = pytest.mark.slow
 

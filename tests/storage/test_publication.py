@@ -19,8 +19,7 @@ from storage.publication import (
     verify_take,
     version_folder,
 )
-
-from .takes import publish, publish_until_killed, write_version
+from tests.figures.takes import publish, publish_until_killed, write_version
 
 NOW = timedelta(0)
 

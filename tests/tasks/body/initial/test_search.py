@@ -1,0 +1,398 @@
+import re
+
+import numpy as np
+import pytest
+
+from storage.errors import InputError
+from storage.formats.capture.capture import read_capture
+from storage.formats.capture.footage import read_picture
+from storage.formats.pictures.video import open_video, read_blocks
+from storage.schema import JOINTS
+from tasks.body.initial.search import (
+    InitialModelSettings,
+    find_initial_model,
+    label_from_joints,
+    model_from_joints,
+)
+from tasks.capture.backgrounds import make_background
+from tasks.geometry.projection import Projection
+from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.rendering.initial_model import draw_initial_model
+from tasks.studio.dancing.choreography import freely
+from tasks.studio.performances import TK, generate_performance
+from tests.figures.initial_figures import (
+    GRID,
+    LIMBS,
+    VOXEL,
+    about_y,
+    errors_mm,
+    figure_of,
+    label_accuracy,
+    runs_of,
+    stretched_body,
+    with_arms,
+)
+
+TURNED = {side: [JOINTS.index(j) for j in JOINTS if j[0] == side] for side in "RL"}
+
+
+@pytest.fixture(scope="module")
+def stretched():
+    return stretched_body()
+
+
+@pytest.fixture(scope="module", params=["fitting", "kimono"])
+def figure(request, stretched):
+    return figure_of(stretched, request.param)
+
+
+@pytest.fixture(scope="module")
+def found(figure):
+    return find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+
+
+def test_the_joints_of_a_generated_performer_are_found(figure, found):
+    error = errors_mm(found, figure.joints)
+    assert error.mean() < 40
+    assert error.max() < 110
+    assert found.confidence > 0.6
+    assert np.isfinite(found.position).all()
+
+
+def test_the_labels_of_a_generated_performer_are_found(figure, found):
+    accuracy = label_accuracy(found, GRID, runs_of(figure.occupied), figure.vertex, figure.segment)
+    assert accuracy > 0.72  # waist and thighs share a surface inside the body: 0.78 at best
+    assert set(np.unique(found.label)) == set(range(1, 12))
+
+
+@pytest.mark.parametrize("quarter", [1, 2, 3])
+def test_turning_a_performer_turns_what_is_found(figure, found, quarter):
+    turned = np.ascontiguousarray(np.rot90(figure.occupied, quarter, axes=(0, 2)))
+    number = np.arange(figure.occupied.size).reshape(figure.occupied.shape)
+    place = np.rot90(number, quarter, axes=(0, 2))
+    grid = VoxelGrid(GRID.origin_m, VOXEL, turned.shape)
+    where = np.empty((figure.occupied.size, 3), int)
+    where[place.ravel()] = np.argwhere(np.ones(turned.shape, bool))
+    index, color = figure.surfaces[0]
+    numbers = np.ravel_multi_index(tuple(index.T), figure.occupied.shape)
+    runs = runs_of(turned)
+    model = find_initial_model(runs, grid, 30.0, surfaces=[(where[numbers], color)])
+    before = (found.position - GRID.origin_m) / VOXEL
+    last = np.array(GRID.shape) - 1
+    for _ in range(quarter):  # numpy turns (x, z) to (last z - z, x)
+        before = np.stack([last[2] - before[:, 2], before[:, 1], before[:, 0]], axis=1)
+        last = last[::-1]
+    after = (model.position - grid.origin_m) / VOXEL
+    np.testing.assert_allclose(after, before, atol=0.25)
+    label = np.zeros(turned.shape, np.uint8)
+    label[turned] = model.label
+    back = np.rot90(label, -quarter, axes=(0, 2))
+    assert np.mean(back[figure.occupied] == found.label) > 0.99
+
+
+def test_mirroring_a_performer_exchanges_the_sides(figure, found):
+    index, color = figure.surfaces[0]
+    index = np.array([GRID.shape[0] - 1, 0, 0]) + index * [-1, 1, 1]
+    runs = runs_of(figure.occupied[::-1])
+    model = find_initial_model(runs, GRID, 30.0, surfaces=[(index, color)])
+    mirrored = found.position.copy()
+    middle = GRID.origin_m[0] + (GRID.shape[0] - 1) / 2 * VOXEL
+    mirrored[:, 0] = 2 * middle - mirrored[:, 0]
+    mirrored[TURNED["R"] + TURNED["L"]] = mirrored[TURNED["L"] + TURNED["R"]]
+    np.testing.assert_allclose(model.position, mirrored, atol=0.006)
+
+
+def test_the_face_decides_where_the_feet_do_not_show(stretched):
+    figure = figure_of(stretched, "kimono")
+    index, color = figure.surfaces[0]
+    figure.occupied[:, :8] = False
+    model = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=[(index, color)])
+    right, left = (model.position[JOINTS.index(f"{side}Shoulder")] for side in "RL")
+    true = stretched[JOINTS.index("LShoulder")] - stretched[JOINTS.index("RShoulder")]
+    assert (left - right) @ true > 0
+    assert any("the color of the face" in note for note in model.notes)
+
+
+def test_the_frame_with_stretched_arms_is_chosen(figure):
+    danced = generate_performance([freely(3)], TK, rate_hz=3.0).position
+    other = figure_of(danced[4] - danced[4].mean(axis=0) * [1, 0, 1], "fitting").occupied
+    empty = np.zeros_like(other)
+    runs = runs_of(empty, other, figure.occupied, other)
+    model = find_initial_model(runs, GRID, 4.0)
+    assert model.frame == 2
+    assert len(model.label) == figure.occupied.sum()
+
+
+def test_the_straighter_arms_are_chosen(stretched):
+    swept = with_arms(stretched, {"R": about_y(0.25), "L": about_y(-0.25)})
+    frames = [figure_of(position, "fitting") for position in (swept, stretched)]
+    for order in (frames, frames[::-1]):
+        model = find_initial_model(runs_of(*(f.occupied for f in order)), GRID, 2.0)
+        assert order[model.frame] is frames[1]
+
+
+def test_arms_that_reach_forward_are_found_there(stretched):
+    for angle in (0.17, -0.17):
+        swept = with_arms(stretched, {"R": about_y(angle), "L": about_y(-angle)})
+        figure = figure_of(swept, "fitting")
+        model = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+        off = np.linalg.norm(model.position - swept, axis=1)
+        assert max(off[JOINTS.index(s + n)] for s in "RL" for n in ("Elbow", "Wrist", "Fin")) < 0.05
+
+
+def test_hanging_arms_are_refused_with_what_to_do(stretched):
+    hanging = stretched.copy()
+    for side in "RL":
+        shoulder = stretched[JOINTS.index(f"{side}Shoulder")]
+        for name in ("Elbow", "Wrist", "Fin"):
+            number = JOINTS.index(side + name)
+            length = np.linalg.norm(stretched[number] - shoulder)
+            hanging[number] = shoulder + length * np.array([0.0, -1.0, 0.05])
+    runs = runs_of(figure_of(hanging, "fitting").occupied)
+    with pytest.raises(InputError, match=r"arms reach 0\.\d+ m .* arms stretched.*initial\.json"):
+        find_initial_model(runs, GRID, 30.0)
+
+
+def test_nobody_and_two_people_are_said(figure):
+    with pytest.raises(InputError, match="in frame 0 there are only 0 voxels"):
+        find_initial_model(runs_of(np.zeros(GRID.shape, bool)), GRID, 30.0)
+    narrow = np.zeros(GRID.shape, bool)
+    narrow[20:28, :80, 30:40] = narrow[90:98, :80, 100:110] = True
+    pole, flat = np.zeros((2, *GRID.shape), bool)
+    pole[20:23, :90, 30:33] = flat[20:60, :1, 30:60] = True
+    for shape, high in ((pole, "1\\.78"), (flat, "0\\.02")):
+        with pytest.raises(InputError, match=f"reaches to two sides of a performer {high} m high"):
+            find_initial_model(runs_of(shape), GRID, 30.0)
+    with pytest.raises(InputError, match="two large pieces of 6400 and 6400 voxels"):
+        find_initial_model(runs_of(narrow), GRID, 30.0)
+
+
+def test_arms_that_are_none_are_refused(figure):
+    """A fan in the right hand reaches farther than the arm, and its bones end beside the hull."""
+    fin, elbow = (figure.joints[JOINTS.index(name)] for name in ("RFin", "RElbow"))
+    out = (fin - elbow) / np.linalg.norm(fin - elbow)
+    angle, reach = np.meshgrid(np.linspace(-0.8, 0.8, 90), np.linspace(0.0, 0.7, 60))
+    up = np.array([0.0, 1.0, 0.0])
+    leaf = fin + reach[..., None] * (np.cos(angle)[..., None] * out + np.sin(angle)[..., None] * up)
+    held = figure.occupied.copy()
+    index = np.rint((leaf.reshape(-1, 3) - GRID.origin_m) / VOXEL).astype(int)
+    held[tuple(index[((index >= 0) & (index < GRID.shape)).all(axis=1)].T)] = True
+    with pytest.raises(
+        InputError, match=r"stretched sideways, or place the joints in initial\.json"
+    ):
+        find_initial_model(runs_of(held), GRID, 30.0)
+    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
+    strict = InitialModelSettings(least_inside=1.01)
+    with pytest.raises(
+        InputError, match=r"only \d+% of the bones that were found in frame 0 lie in"
+    ):
+        find_initial_model(runs_of(figure.occupied), GRID, 30.0, settings=strict)
+    assert found.confidence > 0.5
+
+
+def test_a_performer_partly_outside_the_volume_is_said(figure):
+    x = np.flatnonzero(figure.occupied.any(axis=(1, 2)))
+    cut = np.ascontiguousarray(figure.occupied[: x[-1] - 5])
+    grid = VoxelGrid(GRID.origin_m, VOXEL, cut.shape)
+    with pytest.raises(InputError, match=r"partly outside the volume .* enlarge the \[volume\]"):
+        find_initial_model(runs_of(cut), grid, 30.0)
+
+
+def test_lost_hands_are_put_in_and_said(stretched):
+    figure = figure_of(stretched, "fitting")
+    right, left = (stretched[JOINTS.index(f"{side}Fin")] for side in "RL")
+    index = np.argwhere(figure.occupied)
+    center = voxel_centers(GRID, index)
+    aside = abs((center - (right + left) / 2) @ (left - right)) / ((left - right) @ (left - right))
+    hull = np.zeros_like(figure.occupied)
+    hull[tuple(index[aside < 0.5 * 0.71].T)] = True
+    whole = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
+    model = find_initial_model(runs_of(hull), GRID, 30.0)
+    assert any("lost the hands" in note for note in model.notes)
+    assert model.confidence < 0.5 * whole.confidence
+    for side in "RL":
+        off = model.position - whole.position
+        assert np.linalg.norm(off[JOINTS.index(f"{side}Fin")]) < 0.2
+
+
+def test_an_arm_that_is_cut_short_does_not_move_the_trunk(stretched):
+    figure = figure_of(stretched, "fitting")
+    at = dict(zip(JOINTS, stretched, strict=True))
+    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
+    outward = at["LFin"] - at["LShoulder"]
+    figure.occupied[(center - at["LWrist"]) @ outward > 0] = False
+    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+    off = np.linalg.norm(found.position - stretched, axis=1) * 1000
+    error = {name: off[JOINTS.index(name)] for name in ("Neck", "RShoulder", "LShoulder")}
+    assert max(error.values()) < 45, error
+    assert found.position[JOINTS.index("LFin")] @ outward < at["LWrist"] @ outward
+
+
+def without(figure, part, more_m=0.0):
+    """Return the voxels of a figure without what is beyond a joint, seen from the one before."""
+    before, joint = (figure.joints[JOINTS.index(name)] for name in part)
+    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
+    beyond = (center - joint) @ (joint - before) > -more_m * np.linalg.norm(joint - before)
+    near = np.linalg.norm(center - joint, axis=-1) < 0.6
+    cut = figure.occupied & beyond & near
+    other = figure.joints[JOINTS.index("LR"[part[1][0] == "L"] + part[1][1:])]
+    cut &= np.linalg.norm(center - joint, axis=-1) < np.linalg.norm(center - other, axis=-1)
+    assert cut.sum() > 50
+    return figure.occupied & ~cut
+
+
+FOOT, HAND = ("RKnee", "RAnkle"), ("LElbow", "LWrist")
+
+
+@pytest.mark.parametrize("part", [FOOT, HAND], ids=["foot", "hand"])
+@pytest.mark.parametrize("first", [0, 5])
+def test_a_whole_frame_is_chosen(stretched, part, first):
+    """All frames but three, which are next to each other, have lost the same part."""
+    figure = figure_of(stretched, "fitting")
+    cut = without(figure, part)
+    whole = (first, first + 1, first + 2)
+    frames = [figure.occupied if number in whole else cut for number in range(8)]
+    model = find_initial_model(runs_of(*frames), GRID, 15.0, surfaces=figure.surfaces * 8)
+    assert model.frame in whole
+    assert len(model.label) == figure.occupied.sum()
+    same = find_initial_model(runs_of(figure.occupied), GRID, 15.0, surfaces=figure.surfaces)
+    np.testing.assert_allclose(model.position, same.position, atol=1e-9)
+    assert model.confidence == pytest.approx(same.confidence)
+
+
+def test_what_each_frame_has_lost_is_put_back_from_the_others(figure, found):
+    """Every frame has lost something, each time something else."""
+    parts = (FOOT, HAND, ("LKnee", "LAnkle"), ("RElbow", "RWrist"))
+    frames = [without(figure, parts[number % 4]) for number in range(12)]
+    runs = runs_of(*frames)
+    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces * 12)
+    np.testing.assert_allclose(model.position, found.position, atol=1e-9)
+    assert len(model.label) == frames[model.frame].sum()
+    assert model.confidence < found.confidence
+    assert any("what the frames around it have was put back" in note for note in model.notes)
+    assert not any("put back" in note for note in found.notes)
+
+
+def test_frames_too_far_apart_put_nothing_back(stretched):
+    """Of three frames a third of a second apart two show another pose."""
+    danced = generate_performance([freely(3)], TK, rate_hz=3.0).position
+    other = figure_of(danced[4] - danced[4].mean(axis=0) * [1, 0, 1], "fitting").occupied
+    figure = figure_of(stretched, "fitting")
+    runs = runs_of(other, figure.occupied, other)
+    model = find_initial_model(runs, GRID, 3.0, surfaces=figure.surfaces * 3)
+    alone = find_initial_model(runs_of(figure.occupied), GRID, 3.0, surfaces=figure.surfaces)
+    np.testing.assert_array_equal(model.position, alone.position)
+    assert model.confidence == alone.confidence
+
+
+def test_specks_off_the_body_have_no_label(figure, found):
+    specks = np.zeros(GRID.shape, bool)
+    specks[30:33, 70:74, 120:125] = specks[100:103, 2:5, 20:26] = True
+    specks &= ~figure.occupied
+    runs = runs_of(figure.occupied | specks)
+    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces)
+    np.testing.assert_array_equal(model.label == 0, specks[figure.occupied | specks])
+    np.testing.assert_array_equal(model.position, found.position)
+    assert (model.label == 0).sum() > 80
+
+
+def test_a_leg_whose_end_no_frame_has_is_said(stretched):
+    figure = figure_of(stretched, "fitting")
+    frames = [without(figure, FOOT, 0.1)] * 4
+    model = find_initial_model(runs_of(*frames), GRID, 30.0, surfaces=figure.surfaces * 4)
+    assert any(re.match(r"One foot is 0\.\d\d m above the other", note) for note in model.notes)
+    whole = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+    assert not any("One foot" in note for note in whole.notes)
+
+
+def test_joints_alone_label_as_the_search_does(figure, found):
+    runs = runs_of(figure.occupied)
+    label = label_from_joints(runs, GRID, 0, found.position)
+    on_body = found.label > 0
+    np.testing.assert_array_equal(label[on_body], found.label[on_body])
+    again = model_from_joints(runs, GRID, found.position)
+    np.testing.assert_array_equal(again.label, label)
+    assert again.confidence == 1.0
+    sparse = found.position.copy()
+    sparse[[JOINTS.index(name) for name in ("Waist", "RWrist", "LAnkle", "LHeel")]] = np.nan
+    model = model_from_joints(runs, GRID, sparse)
+    assert np.nanmax(abs(model.position - found.position)) < 0.12
+    assert any("Waist, RWrist, LAnkle, LHeel were put in" in note for note in model.notes)
+    assert np.mean(model.label == label) > 0.95
+
+
+def test_joints_that_do_not_fit_the_take_are_named_all_at_once(figure, found):
+    runs = runs_of(figure.occupied)
+    wrong = found.position.copy()
+    wrong[JOINTS.index("RFin")] += [0.0, 0.9, 0.0]
+    wrong[JOINTS.index("LKnee")] = np.nan
+    pattern = r"LKnee must be placed; RFin is 0\.\d\d m outside .*there are 3 labels"
+    with pytest.raises(InputError, match=pattern):
+        model_from_joints(runs, GRID, wrong, label=np.ones(3, np.uint8))
+    with pytest.raises(InputError, match="frame 7 of the initial model is not one"):
+        model_from_joints(runs, GRID, found.position, frame=7)
+    with pytest.raises(InputError, match="shows nobody"):
+        model_from_joints(runs_of(np.zeros(GRID.shape, bool)), GRID, found.position)
+    with pytest.raises(ValueError, match="cannot be labelled without LKnee"):
+        label_from_joints(runs, GRID, 0, wrong)
+
+
+def test_the_picture_shows_each_segment_from_two_sides(figure, found):
+    picture = draw_initial_model(found, runs_of(figure.occupied), GRID)
+    assert picture.shape == (480, 960, 3)
+    for half in (picture[:, :480], picture[:, 480:]):
+        assert 0.03 < (half.min(axis=2) < 200).mean() < 0.6
+    with pytest.raises(ValueError, match="pass the hulls it was made of"):
+        draw_initial_model(found, runs_of(np.zeros(GRID.shape, bool)), GRID)
+
+
+def test_wrong_arguments_are_named(figure):
+    runs = runs_of(figure.occupied)
+    with pytest.raises(ValueError, match="on a grid of"):
+        find_initial_model(runs, VoxelGrid((0, 0, 0), VOXEL, (3, 4, 5)), 30.0)
+    with pytest.raises(ValueError, match="stature_m nan must be"):
+        find_initial_model(runs, GRID, 30.0, stature_m=float("nan"))
+    with pytest.raises(ValueError, match="reach -1 must be"):
+        InitialModelSettings(reach=-1)
+
+
+@pytest.mark.data
+@pytest.mark.compiled
+@pytest.mark.parametrize(
+    ("name", "mean_mm", "accuracy"),
+    [("plain", 25, 0.92), ("kimono", 30, 0.92), ("martial", 24, 0.92)],
+)
+def test_the_shared_captures_begin_with_a_good_model(shared_data, name, mean_mm, accuracy):
+    capture = read_capture(shared_data / "captures" / name)
+    volume = capture.volume
+    grid = volume_grid(volume.center_m, volume.size_m, volume.voxel_m)
+    distortion = np.zeros((len(capture.cameras), 8))
+    for row, camera in zip(distortion, capture.cameras, strict=True):
+        row[: len(camera.distortion)] = camera.distortion
+    projection = Projection(
+        np.stack([np.column_stack([c.rotation, c.translation]) for c in capture.cameras]),
+        np.stack([c.intrinsics for c in capture.cameras]),
+        distortion,
+        np.array([c.size for c in capture.cameras]),
+    )
+    videos = [open_video(path) for path in capture.videos]
+    _, blocks = next(iter(read_blocks(videos, block=4, start=0, end=4)))
+    backgrounds = [make_background(read_picture(path)[None]) for path in capture.backgrounds]
+    pairs = zip(blocks, backgrounds, strict=True)
+    silhouettes = np.stack([extract_silhouettes(*pair) for pair in pairs], 1)
+    runs = carve_visual_hull(silhouettes[0], projection, grid, CarvingSettings())
+    model = find_initial_model(runs, grid, capture.fps)
+    with np.load(shared_data / "captures" / f"{name}_truth.npz") as truth:
+        names = [str(joint) for joint in truth["joint_names"]]
+        joints = {joint: truth["joints"][0, i] for i, joint in enumerate(names)}
+        vertex, segment = truth["verts"][0].astype(float), truth["vert_segment"] + 1
+    theirs = {"Head": "head_top", "Neck": "neck"}
+    for side in "RL":
+        for ours in LIMBS:
+            word = {"Fin": "finger", "Foot": "toe"}.get(ours, ours.lower())
+            theirs[side + ours] = f"{side.lower()}_{word}"
+    true = np.array([joints[theirs[name]] if name in theirs else [np.nan] * 3 for name in JOINTS])
+    assert errors_mm(model, true).mean() < mean_mm
+    assert label_accuracy(model, grid, runs, vertex, segment) > accuracy

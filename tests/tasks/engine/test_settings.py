@@ -69,7 +69,7 @@ def test_all_faults_are_told_at_once_with_their_ranges():
 
 @pytest.mark.parametrize("value", [True, "1", None, math.inf, -math.inf])
 def test_what_is_no_number_is_no_number(value):
-    with pytest.raises(ValueError, match="reach_m is .*, it must be a number larger than 0"):
+    with pytest.raises(ValueError, match=r"reach_m is .*, it must be a number larger than 0"):
         Outer(reach_m=value)
 
 

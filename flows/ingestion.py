@@ -17,8 +17,10 @@ from flows.digitization import digitize_take
 from storage import create_archive
 from storage.errors import ArchiveError, InputError, PlaceError
 from storage.recordings import Recording, Refusal, find_recordings, plan_takes
-from tasks.cached import import_take_once, index_take_once
-from tasks.motion.importing import ImportSettings
+from tasks.cached import run_once
+from tasks.motion.importing import ImportSettings, import_take
+from tasks.retrieval.indexing import index_take
+from tasks.settings import read_settings
 from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
@@ -45,13 +47,33 @@ class Outcome:
     task_runner=ThreadPoolTaskRunner(max_workers=2),  # type: ignore[arg-type]
 )
 def ingest_archive(
-    archive: str, paths: list[str], settings: ImportSettings | None = None
+    archive: str,
+    paths: list[str],
+    importing: ImportSettings | None = None,
+    settings: dict[str, Any] | None = None,
 ) -> list[Outcome]:
     """Take every motion file and capture among and below `paths` into the archive at `archive`.
 
     What cannot be used is recorded with its reason, and the others go on.
+
+    Parameters
+    ----------
+    archive
+        A directory or s3://bucket/prefix; made if it is not there.
+    paths
+        Motion files, captures, and folders of them.
+    importing
+        How motion files are read.
+    settings
+        How captures are digitized: as of `digitize_take`.
+
+    Raises
+    ------
+    InputError
+        If a path is not there, or the settings cannot be used: all faults at once.
     """
-    settings = settings or ImportSettings()
+    importing = importing or ImportSettings()
+    read_settings(settings or {}, "the settings of this run")
     found = find_recordings(paths)
     opened = create_archive(archive)
     plan = plan_takes(opened, found)
@@ -61,7 +83,9 @@ def ingest_archive(
     progress = create_progress_artifact(
         progress=0.0, key="ingest-progress", description=f"{total} recordings into {archive}"
     )
-    runs = [ingest_take.submit(opened.location, each, settings) for each in plan.recordings]
+    runs = [
+        ingest_take.submit(opened.location, each, importing, settings) for each in plan.recordings
+    ]
     outcomes = [_refused(each) for each in plan.refusals]
     for done, run in enumerate(runs, start=1):
         result = run.result(raise_on_failure=False)
@@ -74,14 +98,19 @@ def ingest_archive(
 
 
 @task(task_run_name="ingest {recording.take}", cache_policy=NO_CACHE)
-def ingest_take(archive: str, recording: Recording, settings: ImportSettings) -> Outcome:
+def ingest_take(
+    archive: str,
+    recording: Recording,
+    importing: ImportSettings,
+    settings: dict[str, Any] | None,
+) -> Outcome:
     """Import one file, index it, and publish both at once; or digitize one capture."""
     try:
         if recording.kind == "capture":
-            draft = digitize_take(archive, recording)
+            draft = digitize_take(archive, recording, settings)
             return _finished(recording, draft, published=draft["published"])
-        draft = import_take_once(archive=archive, recording=recording, settings=settings)
-        index_take_once(archive=archive, take=draft["take"], version=draft["version"])
+        draft = run_once(import_take, archive=archive, recording=recording, settings=importing)
+        run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
         published = publish_take(archive, draft)
     except (InputError, ArchiveError) as error:
         return Outcome(recording.path, "refused", recording.take, reason=str(error))

@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numcodecs.zstd import Zstd
@@ -26,16 +26,53 @@ _ZSTD = Zstd(level=1)
 _LONGEST_HEAD = 1 << 16  # of a .npy file
 
 
+@dataclass(frozen=True)
+class Block:
+    """What finds the arrays of some frames again, and tells whether they are what was written."""
+
+    path: str
+    """In the archive."""
+    start: int
+    """The first frame."""
+    end: int
+    """The frame after the last one."""
+    sha256: str
+    """Equal arrays give an equal one."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a stage gives back: the block that it wrote, how long that took, what is to be said."""
+
+    block: Block
+    seconds: float
+    notes: tuple[str, ...] = ()
+    """A sentence each."""
+
+
 def write_block(
-    place: Place, path: str, frames: tuple[int, int], arrays: Mapping[str, NDArray], begun: float
-) -> dict[str, Any]:
+    place: Place,
+    path: str,
+    frames: tuple[int, int],
+    arrays: Mapping[str, NDArray],
+    begun: float,
+    *,
+    notes: Sequence[str] = (),
+) -> Written:
     """Write the arrays of the frames from one to before another; return what finds them again.
 
-    Returns
-    -------
-    dict
-        `path`, `start`, `end` and `sha256`, as JSON can hold them; equal arrays give an equal
-        SHA-256. And `seconds` since `begun`, of `time.monotonic()`.
+    Parameters
+    ----------
+    place, path
+        Where.
+    frames
+        The first frame, and the one after the last.
+    arrays
+        By name.
+    begun
+        When the stage began, of `time.monotonic()`.
+    notes
+        What is to be said of the block, a sentence each.
     """
     content, names = io.BytesIO(), sorted(arrays)
     with ThreadPoolExecutor() as pool:
@@ -45,12 +82,11 @@ def write_block(
     write_file(place, path, packed)
     seconds = round(time.monotonic() - begun, 3)
     start, end = frames
-    digest = digest_bytes(packed)
-    return {"path": path, "start": start, "end": end, "sha256": digest, "seconds": seconds}
+    return Written(Block(path, start, end, digest_bytes(packed)), seconds, tuple(notes))
 
 
 def read_block(
-    place: Place, block: Mapping[str, Any], names: Sequence[str] | None = None
+    place: Place, block: Block, names: Sequence[str] | None = None
 ) -> dict[str, NDArray]:
     """Return the arrays of a block, or those of them that are named.
 
@@ -60,12 +96,12 @@ def read_block(
         If they are gone, or not what was written.
     """
     try:
-        packed = read_file(place, block["path"])
+        packed = read_file(place, block.path)
     except FileNotFoundError:
         packed = b""
-    if digest_bytes(packed) != block["sha256"]:
+    if digest_bytes(packed) != block.sha256:
         raise ArchiveError(
-            f"{place.url(block['path'])} was changed or removed during the run; run it again"
+            f"{place.url(block.path)} was changed or removed during the run; run it again"
         )
     with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
         wanted = {name: arrays[name] for name in names or arrays.files}
@@ -90,10 +126,10 @@ def _unpacked(packed: NDArray[np.uint8]) -> NDArray:
     return values.reshape(shape, order="F" if by_columns else "C")
 
 
-def has_block(place: Place, block: Mapping[str, Any]) -> bool:
+def has_block(place: Place, block: Block) -> bool:
     """Say whether a block is still there, every byte of it."""
     try:
-        return digest_bytes(read_file(place, block["path"])) == block["sha256"]
+        return digest_bytes(read_file(place, block.path)) == block.sha256
     except FileNotFoundError:
         return False
 

@@ -61,6 +61,8 @@ class Record:
     """`bytes` and `sha256` of every file of the version, by its path in the version."""
     notes: list[str] = field(default_factory=list)
     """What was inferred or left out when the take was made, a sentence each."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """The settings that were not the defaults, by name (`pose_fitting.method`)."""
     published: str = field(default_factory=now)
     format: int = RECORD_FORMAT
 

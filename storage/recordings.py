@@ -13,6 +13,7 @@ from storage.archive import Archive, take_name
 from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
 from storage.formats.capture.capture_toml import MARK, read_capture_toml
+from storage.formats.settings_toml import SETTINGS_FILE
 from storage.places import read_file, write_file
 from storage.provenance import digest_file
 from storage.publication import Record, read_record
@@ -146,11 +147,18 @@ def _plan_file(
 
 
 def digest_capture(folder: Path) -> str:
-    """Return the SHA-256 of the names and contents of all that is in a capture."""
+    """Return the SHA-256 of the names and contents of all that is in a capture.
+
+    Without its `digitize.toml`: settings are no content, and each stage is keyed by those it reads.
+    """
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
-        if path.is_file() and not any(part.startswith(".") for part in name.parts):
+        if (
+            name.as_posix() != SETTINGS_FILE
+            and path.is_file()
+            and not any(part.startswith(".") for part in name.parts)
+        ):
             digest.update(f"{name.as_posix()}\0{digest_file(path)}\n".encode())
     return digest.hexdigest()
 

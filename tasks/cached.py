@@ -7,18 +7,23 @@ Two runs that meet on one take may both compute it; publication lets one of them
 file locks would make one wait, and make it wait for ever after the other was killed.)
 """
 
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast, get_type_hints
 
 from prefect import Task, task
 from prefect.cache_policies import CacheKeyFnPolicy
 from prefect.context import TaskRunContext
 from prefect.transactions import CommitMode, transaction
+from pydantic import TypeAdapter
 
 from storage import open_archive
-from storage.blocks import has_block
-from tasks.body.labeling import label_block
-from tasks.body.pose_fitting import fit_take, model_take
+from storage.blocks import Block, Written, has_block
+from tasks.body.final_labeling import label_block
+from tasks.body.initial_model import model_take
+from tasks.body.joint_tracks import track_take
+from tasks.body.pose_fitting import fit_take
+from tasks.body.provisional_labeling import label_block_provisionally
 from tasks.engine.fingerprints import fingerprint
 from tasks.motion.importing import import_take, is_imported
 from tasks.reconstruction.carving import carve_block
@@ -27,58 +32,86 @@ from tasks.reconstruction.silhouettes import extract_block
 from tasks.retrieval.indexing import index_take, is_indexed
 
 
-def cached(
-    function: Callable[..., Any], *, run_name: str, is_intact: Callable[..., bool]
-) -> Callable[..., Any]:
-    """Return a store function as a task that is skipped when nothing it depends on changed.
+def run_once(function: Callable[..., Any], **parameters: Any) -> Any:
+    """Run a stage as its Prefect task, unless nothing changed since it ran with these parameters.
 
     Parameters
     ----------
     function
-        Called with keywords that JSON or a dataclass can hold; returns JSON.
-    run_name
-        How a run is called on the dashboard; parameters in braces.
-    is_intact
-        Called with the result and the keywords of a hit: whether what the stage wrote is still
-        there and unchanged.
+        The store function of a stage; one of those in the table below.
+    parameters
+        What it is called with: keywords that JSON or a dataclass can hold.
+
+    Returns
+    -------
+    Whatever the function returns, or has returned.
     """
+    stage, is_intact = _STAGES[function]
+    adapter = TypeAdapter(get_type_hints(function)["return"])
+    # by itself Prefect keeps no result until the task that called this one has succeeded too
+    with transaction(commit_mode=CommitMode.EAGER):
+        state = stage(**parameters, return_state=True)
+        result = adapter.validate_python(state.result())
+        if state.name != "Cached" or is_intact(result, **parameters):
+            return result
+        again = stage.with_options(refresh_cache=True)(**parameters)
+        return adapter.validate_python(again)
+
+
+def _cached(name: str, function: Callable[..., Any]) -> Task[..., Any]:
+    """Return a store function as a task that keeps its results as JSON."""
 
     def key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-        return fingerprint(function, parameters)
+        # a capture is named by its digest, wherever its folder is
+        return fingerprint(function, {k: v for k, v in parameters.items() if k != "capture"})
 
-    stage: Task[..., Any] = task(
-        name=function.__name__,
-        task_run_name=run_name,
+    def run_name(parameters: dict[str, Any]) -> str:
+        return f"{name} of {_work(parameters)}"
+
+    adapter = TypeAdapter(get_type_hints(function)["return"])
+
+    @functools.wraps(function)  # for Prefect, which reads the names of the parameters
+    def run(*values: Any, **parameters: Any) -> Any:
+        return adapter.dump_python(function(*values, **parameters), mode="json")
+
+    return task(
+        name=name,
+        task_run_name=cast(Any, run_name),  # its type wants the method of a class, not a name
         cache_policy=CacheKeyFnPolicy(cache_key_fn=key),
         persist_result=True,
         result_serializer="json",
-    )(function)
-
-    def run(**parameters: Any) -> Any:
-        # by itself Prefect keeps no result until the task that called this one has succeeded too
-        with transaction(commit_mode=CommitMode.EAGER):
-            return _run(parameters)
-
-    def _run(parameters: dict[str, Any]) -> Any:
-        state = stage(**parameters, return_state=True)
-        result = state.result()
-        if state.name != "Cached" or is_intact(result, **parameters):
-            return result
-        return stage.with_options(refresh_cache=True)(**parameters)
-
-    return run
+    )(run)
 
 
-def _is_there(block: dict[str, Any], archive: str, **_: Any) -> bool:
+def _work(parameters: dict[str, Any]) -> str:
+    """Say what a task works on: a take, and its frames where they are not all."""
+    if "into" not in parameters:
+        return parameters.get("take") or parameters["recording"].take
+    take = parameters["into"].split("/")[1]
+    match parameters:
+        case {"start": start, "end": end} | {"silhouettes": Block(start=start, end=end)}:
+            return f"{take}, frames {start}-{end - 1}"
+    return take
+
+
+def _is_there(written: Written, archive: str, **_: Any) -> bool:
     """Say whether a block that a stage wrote is still there, every byte of it."""
-    return has_block(open_archive(archive).place, block)
+    return has_block(open_archive(archive).place, written.block)
 
 
-extract_block_once = cached(extract_block, run_name="silhouettes {into}", is_intact=_is_there)
-carve_block_once = cached(carve_block, run_name="carve {into}", is_intact=_is_there)
-color_block_once = cached(color_block, run_name="color {into}", is_intact=_is_there)
-model_take_once = cached(model_take, run_name="initial model {into}", is_intact=_is_there)
-fit_take_once = cached(fit_take, run_name="fit {into}", is_intact=_is_there)
-label_block_once = cached(label_block, run_name="label {into}", is_intact=_is_there)
-import_take_once = cached(import_take, run_name="import {recording.take}", is_intact=is_imported)
-index_take_once = cached(index_take, run_name="index {take}", is_intact=is_indexed)
+_STAGES: dict[Callable[..., Any], tuple[Task[..., Any], Callable[..., bool]]] = {
+    function: (_cached(name, function), is_intact)
+    for name, function, is_intact in (
+        ("silhouettes", extract_block, _is_there),
+        ("carving", carve_block, _is_there),
+        ("coloring", color_block, _is_there),
+        ("initial model", model_take, _is_there),
+        ("pose fitting", fit_take, _is_there),
+        ("final labeling", label_block, _is_there),
+        ("provisional labeling", label_block_provisionally, _is_there),
+        ("joint tracks", track_take, _is_there),
+        ("importing", import_take, is_imported),
+        ("indexing", index_take, is_indexed),
+    )
+}
+"""The name of each stage on the dashboard, and what a hit of it is checked by."""

@@ -91,6 +91,15 @@ def _add_ingest(commands: Any) -> None:
     ingest.add_argument("--json", action="store_true", help="print the outcome as JSON")
     _add_import_settings(ingest)
     ingest.add_argument("--low-pass", type=float, metavar="HZ", help="smooth the markers")
+    ingest.add_argument(
+        "--settings",
+        metavar="FILE.toml",
+        help="how captures are digitized, before their own digitize.toml; see `shosa settings`",
+    )
+    settings = _command(
+        commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
+    )
+    settings.add_argument("--json", action="store_true")
 
 
 def _add_import_settings(command: argparse.ArgumentParser) -> None:
@@ -184,16 +193,42 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _ingest(options: argparse.Namespace) -> int:
+    importing = _import_settings(options, low_pass_hz=options.low_pass)
+    settings = _digitization_settings(options.settings)  # before Prefect starts, which takes long
     _hush_prefect()
     from flows.ingestion import ingest_archive
 
-    settings = _import_settings(options, low_pass_hz=options.low_pass)
-    outcomes = ingest_archive(options.archive, options.paths, settings)
+    outcomes = ingest_archive(options.archive, options.paths, importing, settings)
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}
     if "failed" in failed:
         return RUN_FAILED
     return BAD_INPUT if "refused" in failed else DONE
+
+
+def _settings(options: argparse.Namespace) -> int:
+    from dataclasses import asdict
+
+    from tasks.settings import all_settings, format_settings
+
+    if options.json:
+        printing.print_json({"settings": [asdict(each) for each in all_settings()]})
+        return DONE
+    for line in format_settings():
+        printing.print_line(line)
+    return DONE
+
+
+def _digitization_settings(file: str | None) -> dict[str, Any]:
+    """Return the tables of a file of settings, once they are known to be good."""
+    if file is None:
+        return {}
+    from storage.formats.settings_toml import read_settings_tables
+    from tasks.settings import read_settings
+
+    tables = read_settings_tables(Path(file))
+    read_settings(tables, file)
+    return tables
 
 
 def _takes(options: argparse.Namespace) -> int:

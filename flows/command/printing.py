@@ -79,6 +79,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
         "published": record.published,
         "bytes": size,
         "path": take.path,
+        "settings": record.settings,
         "notes": record.notes,
     }
     if as_json:
@@ -98,6 +99,8 @@ def print_take(take: Take, *, as_json: bool) -> None:
     width = max(map(len, lines))
     for name, text in lines.items():
         print(f"{name.ljust(width)}  {text}")
+    for name, value in record.settings.items():
+        print(f"{'set'.ljust(width)}  {name} = {json.dumps(value)}, not the default")
     for note in record.notes:
         print(f"{'note'.ljust(width)}  {note}")
 

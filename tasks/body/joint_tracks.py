@@ -1,4 +1,4 @@
-"""Turn a fitted pose into the 21-joint track that search uses.
+"""Stage: the fitted pose as the 21-joint track that search uses.
 
 Every joint is fixed to the segment that carries it. Fingers close and bend, so that a length
 measured once is too long: the finger tips are moved along the forearm to the end of its voxels. On
@@ -9,15 +9,23 @@ retrieval paper's.
 """
 
 import math
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage import open_archive
+from storage.blocks import Block, Written, read_block, write_block
+from storage.formats.capture.capture import capture_of
 from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
+from tasks.capture.films import grid_of
 from tasks.engine.kernels import njit
-from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
+from tasks.engine.threads import side_by_side
+from tasks.geometry.voxel_lines import labeled_centers, lines_of
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""
@@ -154,13 +162,48 @@ def build_joint_track(
     return track, filled & np.isfinite(track).all(axis=2)
 
 
-def track_stature(track: NDArray[np.floating]) -> float:
-    """Return the stature of a take, metres: the median over frames, of DESIGN's section 6.
+def track_take(
+    archive: str, capture: str, digest: str, hulls: Sequence[Block], initial: Block,
+    fitted: Block, labels: Sequence[Block], into: str, settings: JointTrackSettings,
+) -> Written:  # fmt: skip
+    """Write the joint track of a take as a block.
 
-    1.6 m where no frame has all joints that it is measured by.
+    Parameters
+    ----------
+    archive, capture, digest, into
+        As for `model_take`.
+    hulls, labels
+        What `carve_block` and `label_block` wrote, in the order of the frames.
+    initial, fitted
+        What `model_take` and `fit_take` wrote.
+    settings
+        How ends are measured, and what is evidence.
+
+    Returns
+    -------
+    Written
+        The arrays are `position` (time, 21, 3) float32, m, and `filled` (time, 21) bool, as of
+        `build_joint_track`.
     """
-    stature = measure_stature(track, JOINT_NAMES)
-    return stature if math.isfinite(stature) else DEFAULT_STATURE_M
+    begun = time.monotonic()
+    place = open_archive(archive).place
+    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls)
+    fit = read_block(place, fitted, ["joint", "quality"])
+    stature_m = float(read_block(place, initial, ["stature_m"])["stature_m"])
+    moved = []
+    for block in labels:
+        read = read_block(place, block)
+
+        def move(frame: int, block: Block = block, read: Any = read) -> NDArray[np.float64]:
+            label = read["label"][slice(*read["offset"][frame - block.start :][:2])]
+            lines = lines_of(frames.hull(frame))
+            center, ends = labeled_centers(frames.grid, lines, label, ARM_LABELS)
+            return move_to_ends(fit["joint"][frame], center, ends, settings, stature_m=stature_m)
+
+        moved += side_by_side(move, range(block.start, block.end))
+    position, filled = build_joint_track(np.stack(moved), fit["quality"], settings)
+    arrays = {"position": position, "filled": filled}
+    return write_block(place, into, (0, len(moved)), arrays, begun)
 
 
 @njit(cache=True, nogil=True)

@@ -8,16 +8,14 @@ that is to blame where it does not. Here it is said in words, and what is to be 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import read_block
+from storage.blocks import Block, read_block
 from storage.errors import InputError
-from storage.formats.capture.capture import read_capture
+from storage.formats.capture.capture import capture_of
 from storage.formats.reading import listed
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
@@ -351,33 +349,40 @@ def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSetting
     )
 
 
-def check_take(archive: str, capture: str, blocks: Sequence[dict[str, Any]]) -> list[str]:
+def check_take(
+    archive: str, capture: str, digest: str, blocks: Sequence[Block], settings: AgreementSettings
+) -> list[str]:
     """Compare the silhouettes of a few frames of a take with each other; return what to note.
 
     Parameters
     ----------
-    archive, capture
-        Where the blocks are, and the folder with the calibration and the volume.
+    archive, capture, digest
+        Where the blocks are, the folder with the calibration and the volume, and the digest of
+        what is in it.
     blocks
-        As `extract_block` returned them, in the order of the frames.
+        What `extract_block` wrote, in the order of the frames.
+    settings
+        What is still agreement.
 
     Raises
     ------
     InputError
         If the silhouettes cannot be of one performer in the volume: all that is wrong.
     """
-    source = read_capture(Path(capture))
+    source = capture_of(capture, digest)
     place = open_archive(archive).place
     chosen = np.unique(np.linspace(0, source.frames - 1, _FRAMES_LOOKED_AT).round().astype(int))
     _, columns = largest_image(source.cameras)
     packed = [
-        read_block(place, block, ["silhouette"])["silhouette"][inside - block["start"]]
+        read_block(place, block, ["silhouette"])["silhouette"][inside - block.start]
         for block in blocks
-        if len(inside := chosen[(chosen >= block["start"]) & (chosen < block["end"])])
+        if len(inside := chosen[(chosen >= block.start) & (chosen < block.end)])
     ]
     silhouettes = np.unpackbits(np.concatenate(packed), axis=-1, count=columns).astype(np.bool_)
     names = [camera.name for camera in source.cameras]
-    found = check_agreement(silhouettes, projection_of(source.cameras), grid_of(source), names)
+    found = check_agreement(
+        silhouettes, projection_of(source.cameras), grid_of(source), names, settings
+    )
     if found.faults:
         faults = "\n".join(f"- {fault}" for fault in found.faults)
         notes = "".join(f"\n- {note}" for note in found.notes)

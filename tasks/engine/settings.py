@@ -67,7 +67,7 @@ def check_ranges(settings: Any) -> None:
         With every fault, and the range of each.
     """
     faults = []
-    for name, kind in _kinds(type(settings)).items():
+    for name, kind in field_kinds(type(settings)).items():
         value = getattr(settings, name)
         if not is_dataclass(value) and not is_accepted(value, kind):
             faults.append(f"{name} is {value!r}, it must be {accepted_values(kind)}")
@@ -116,7 +116,7 @@ def list_settings(settings: Any, within: str = "") -> Iterator[Setting]:
         What stands before the names, `pose_fitting.` for instance.
     """
     said = _docstrings(type(settings))
-    for name, kind in _kinds(type(settings)).items():
+    for name, kind in field_kinds(type(settings)).items():
         value = getattr(settings, name)
         if is_dataclass(value):
             yield from list_settings(value, f"{within}{name}.")
@@ -127,7 +127,7 @@ def list_settings(settings: Any, within: str = "") -> Iterator[Setting]:
 
 
 @cache
-def _kinds(kind: type) -> dict[str, Any]:
+def field_kinds(kind: type) -> dict[str, Any]:
     """Return the type of each field of a dataclass, with its range."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: hints[field.name] for field in fields(kind)}

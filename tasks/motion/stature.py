@@ -1,9 +1,12 @@
 """The stature of a take, measured on its joints, and which joints it has."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from storage.schema import JOINTS
 
 DEFAULT_STATURE_M = 1.6
 """The stature of a take that neither says nor shows one."""
@@ -48,6 +51,15 @@ def measure_stature(position: NDArray[np.floating], joints: Sequence[str]) -> fl
     stature = length(joint("Head"), joint("Neck")) + length(joint("Neck"), middle) + leg
     stature = stature[np.isfinite(stature)]
     return float(np.median(stature)) if len(stature) and np.median(stature) > 0 else float("nan")
+
+
+def take_stature(track: NDArray[np.floating]) -> float:
+    """Return the stature of a (time, 21, 3) track, m, joints as in `storage.schema.JOINTS`.
+
+    As `measure_stature`; `DEFAULT_STATURE_M` where no frame has all joints that it is measured by.
+    """
+    stature_m = measure_stature(track, JOINTS)
+    return stature_m if math.isfinite(stature_m) else DEFAULT_STATURE_M
 
 
 def joints_present(position: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -11,15 +11,14 @@ testing each voxel.
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import read_block, write_block
-from storage.formats.capture.capture import read_capture
+from storage.blocks import Block, Written, read_block, write_block
+from storage.formats.capture.capture import capture_of
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection
@@ -118,9 +117,9 @@ def _check(
 
 
 def carve_block(
-    archive: str, capture: str, digest: str, silhouettes: dict[str, Any], into: str,
+    archive: str, capture: str, digest: str, silhouettes: Block, into: str,
     settings: CarvingSettings,
-) -> dict[str, Any]:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write the hulls of the frames of a block of silhouettes as a block.
 
     Parameters
@@ -128,7 +127,7 @@ def carve_block(
     capture, digest
         The folder with the calibration and the volume, and the digest of what is in it.
     silhouettes
-        As `tasks.reconstruction.silhouettes.extract_block` returned it.
+        What `extract_block` wrote.
     into
         Path of the block in the archive.
     settings
@@ -136,11 +135,11 @@ def carve_block(
 
     Returns
     -------
-    dict
-        As `storage.blocks.write_block`; the arrays are those of `VoxelRuns`.
+    Written
+        The arrays are those of `VoxelRuns`.
     """
     begun = time.monotonic()
-    source = read_capture(Path(capture))
+    source = capture_of(capture, digest)
     place = open_archive(archive).place
     packed = read_block(place, silhouettes, ["silhouette"])["silhouette"]
     projection, grid = projection_of(source.cameras), grid_of(source)
@@ -152,4 +151,4 @@ def carve_block(
 
     runs = join_runs(side_by_side(carve, range(len(packed))))
     arrays = {"start": runs.start, "length": runs.length, "offset": runs.offset}
-    return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)
+    return write_block(place, into, (silhouettes.start, silhouettes.end), arrays, begun)

@@ -10,15 +10,14 @@ Which cameras see a voxel is found in `tasks.reconstruction.sight.visibility`; t
 import math
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import read_block, write_block
-from storage.formats.capture.capture import read_capture
+from storage.blocks import Block, Written, read_block, write_block
+from storage.formats.capture.capture import capture_of
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
@@ -235,9 +234,9 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
 
 
 def color_block(
-    archive: str, capture: str, digest: str, silhouettes: dict[str, Any], hulls: dict[str, Any],
+    archive: str, capture: str, digest: str, silhouettes: Block, hulls: Block,
     into: str, settings: ColoringSettings,
-) -> dict[str, Any]:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write the colors of the surfaces of a block of hulls as a block.
 
     Parameters
@@ -245,7 +244,7 @@ def color_block(
     capture, digest
         The folder with the calibration, and the digest of what is in it.
     silhouettes, hulls
-        As `extract_block` and `carve_block` returned them.
+        What `extract_block` and `carve_block` wrote.
     into
         Path of the block in the archive.
     settings
@@ -253,13 +252,13 @@ def color_block(
 
     Returns
     -------
-    dict
-        As `storage.blocks.write_block`; the arrays are `is_surface` (voxel,) bool, `color`
+    Written
+        The arrays are `is_surface` (voxel,) bool, `color`
         (surface voxel, 3), `camera` (surface voxel,) and `offset` (frame + 1,) of a frame's
         surface voxels.
     """
     begun = time.monotonic()
-    source = read_capture(Path(capture))
+    source = capture_of(capture, digest)
     place = open_archive(archive).place
     filmed = read_block(place, silhouettes)
     packed, pixels = filmed["silhouette"], filmed["color"]
@@ -284,4 +283,4 @@ def color_block(
         "camera": np.concatenate(cameras),
         "offset": np.cumsum([0, *map(len, colors)]).astype(np.int64),
     }
-    return write_block(place, into, (silhouettes["start"], silhouettes["end"]), arrays, begun)
+    return write_block(place, into, (silhouettes.start, silhouettes.end), arrays, begun)

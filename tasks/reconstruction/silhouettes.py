@@ -16,7 +16,6 @@ A frame is judged by itself, so that a take may be cut into blocks anywhere.
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -24,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import write_block
-from storage.formats.capture.capture import read_capture
+from storage.blocks import Written, write_block
+from storage.formats.capture.capture import capture_of
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.engine.kernels import njit
@@ -274,7 +273,7 @@ def _differ_in_chroma(image, color, threshold, seed):
 def extract_block(
     archive: str, capture: str, digest: str, into: str, start: int, end: int,
     settings: SilhouetteSettings,
-) -> dict[str, Any]:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write the silhouettes of all cameras from frame `start` to before `end` as a block.
 
     Parameters
@@ -290,8 +289,8 @@ def extract_block(
 
     Returns
     -------
-    dict
-        As `storage.blocks.write_block`; the array `silhouette` is (time, camera, row, column / 8),
+    Written
+        The array `silhouette` is (time, camera, row, column / 8),
         packed along the columns; beside an image smaller than the others it is False. `color` is
         (pixel, 3) uint8, RGB, of the silhouettes' pixels in their order: what coloring needs of
         the films, so that they are decoded once.
@@ -302,7 +301,7 @@ def extract_block(
         If the capture cannot be read.
     """
     begun = time.monotonic()
-    source = read_capture(Path(capture))
+    source = capture_of(capture, digest)
     backgrounds = read_backgrounds(source)
     rows, columns = largest_image(source.cameras)
     shape = (end - start, len(source.cameras), rows, -(-columns // 8))

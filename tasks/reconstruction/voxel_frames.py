@@ -5,18 +5,18 @@ No stage and no arithmetic: the part of a store function that the stages after c
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.blocks import read_block
+from storage.blocks import Block, read_block
 from storage.places import Place
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame, voxel_index
 
 _MOST_HELD = 2  # blocks: neighbors in time may be of two
 
-_Block = TypeVar("_Block")
+_Held = TypeVar("_Held")
 
 
 class VoxelFrames:
@@ -29,13 +29,16 @@ class VoxelFrames:
         self,
         place: Place,
         grid: VoxelGrid,
-        hulls: Sequence[dict[str, Any]],
-        colors: Sequence[dict[str, Any]],
+        hulls: Sequence[Block],
+        colors: Sequence[Block] = (),
     ) -> None:
-        """Open what `carve_block` and `color_block` wrote, in the order of the frames."""
+        """Open what `carve_block` and `color_block` wrote, in the order of the frames.
+
+        Without `colors` the frames have no `surface`.
+        """
         self.grid = grid
-        self.start, self.end = hulls[0]["start"], hulls[-1]["end"]
-        self._ends = np.array([block["end"] for block in hulls])
+        self.start, self.end = hulls[0].start, hulls[-1].end
+        self._ends = np.array([block.end for block in hulls])
         self._hulls, self._colors = hulls, colors
         self._place = place
         self._held_hulls: dict[int, VoxelRuns] = {}  # the one asked for last is the last
@@ -81,9 +84,9 @@ class VoxelFrames:
             raise IndexError(f"frame {frame} is not one of {self.start} to {self.end - 1}")
         number = int(np.searchsorted(self._ends, frame, side="right"))
         runs = self._hold(self._held_hulls, number, lambda: self._read_hulls(number))
-        return number, runs, frame - self._hulls[number]["start"]
+        return number, runs, frame - self._hulls[number].start
 
-    def _hold(self, held: dict[int, _Block], number: int, read: Callable[[], _Block]) -> _Block:
+    def _hold(self, held: dict[int, _Held], number: int, read: Callable[[], _Held]) -> _Held:
         """Return what is held of a block, or else read it."""
         with self._lock:  # so that threads read a block once
             block = held.pop(number, None)

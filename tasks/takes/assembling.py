@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,9 @@ from storage.archive import Archive
 from storage.arrays.groups import write_motion
 from storage.arrays.poses import write_body, write_pose
 from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
-from storage.blocks import read_block
+from storage.blocks import Written, read_block
 from storage.errors import InputError
-from storage.formats.capture.capture import Capture, read_capture
+from storage.formats.capture.capture import Capture, capture_of
 from storage.places import Place
 from storage.provenance import Provenance
 from storage.publication import (
@@ -32,14 +31,12 @@ from storage.recordings import digest_capture
 from storage.schema import JOINTS
 from tasks.body.anatomy.segments import pose_in_parents
 from tasks.body.anatomy.shape import measure_body
-from tasks.body.joint_tracks import JointTrackSettings, build_joint_track, track_stature
 from tasks.capture.films import grid_of, largest_image
-from tasks.geometry.voxels import VoxelRuns, voxel_centers, voxel_index
-from tasks.motion.stature import joints_present
+from tasks.geometry.voxels import voxel_centers
+from tasks.motion.stature import joints_present, take_stature
+from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _NO_CAMERA = 255
-_SETTINGS = {"initial_model": "posing", "pose": "posing", "labels": "posing"}
-
 _DOUBTS = {
     "unmeasured": "The body was measured with little confidence, so the pose is doubtful in {}: "
     "correct the joints that `shosa export ARCHIVE TAKE initial.json` writes, with a picture.",
@@ -53,8 +50,8 @@ _DOUBTS = {
     "doubtful": "The pose is doubtful in {}.",
 }
 
-Blocks = dict[str, list[dict[str, Any]]]
-"""What the tasks of a stage returned, in the order of the frames, by stage."""
+Blocks = dict[str, list[Written]]
+"""What the tasks of a stage wrote, in the order of the frames, by the name of the stage."""
 
 
 def assemble_take(
@@ -65,6 +62,7 @@ def assemble_take(
     blocks: Blocks,
     *,
     settings: dict[str, dict[str, Any]],
+    changed: dict[str, Any],
     identity: str,
     notes: Sequence[str],
 ) -> dict[str, Any]:
@@ -76,9 +74,12 @@ def assemble_take(
         What it is to be called.
     blocks
         Of `silhouettes`, `carving` and `coloring`, and where a pose was fitted of
-        `initial_model`, `pose` and `labels`.
+        `initial_model`, `pose_fitting`, `final_labeling`, `provisional_labeling` and
+        `joint_tracks`.
     settings
-        Of each stage, as JSON can hold them.
+        Of each stage that has some, as JSON can hold them.
+    changed
+        Which of them are not the defaults, by name.
     identity
         What names this computation: capture, settings and code.
     notes
@@ -94,7 +95,7 @@ def assemble_take(
     InputError
         If the hull is empty in every frame, or the capture has changed since it was planned.
     """
-    source = read_capture(Path(capture))
+    source = capture_of(capture, digest)
     opened = open_archive(archive)
     place = opened.place
     offsets = _offsets(place, blocks)
@@ -115,8 +116,8 @@ def assemble_take(
     try:
         folder = version_folder(take, version)
         _write_groups(place, source, folder, blocks, offsets, provenances)
-        if "pose" in blocks:
-            joints_there = _write_body(place, source, folder, blocks, provenances["pose"])
+        if "joint_tracks" in blocks:
+            joints_there = _write_body(place, source, folder, blocks, provenances)
         files = describe_files(place, take, version)
     except BaseException:
         discard_version(place, take, version)
@@ -137,7 +138,7 @@ def assemble_take(
         rate_hz=source.fps,
         joints_present=joints_there,
         stages=["cameras", "silhouettes", "voxels"]
-        + (["labels", "body", "pose", "motion"] if "pose" in blocks else []),
+        + (["labels", "body", "pose", "motion"] if "joint_tracks" in blocks else []),
         files=files,
         notes=[
             *source.notes,
@@ -145,6 +146,7 @@ def assemble_take(
             *_empty_notes(empty, source.frames),
             *_pose_notes(place, blocks),
         ],
+        settings=changed,
     )
     return asdict(draft)
 
@@ -181,7 +183,13 @@ def _write_groups(
     )
     grid = grid_of(source)
     coloring = {"provenance": provenances["coloring"].attributes()}
-    labeled = ("provisional_label", "label") if "labels" in blocks else ()
+    labeled = {
+        name: stage
+        for name, stage in (
+            ("provisional_label", "provisional_labeling"), ("label", "final_labeling"),
+        )
+        if stage in blocks
+    }  # fmt: skip
     write_voxels(
         place,
         folder,
@@ -193,7 +201,7 @@ def _write_groups(
                 name: _arrays(place, blocks["coloring"], name)
                 for name in ("is_surface", "color", "camera")
             },
-            **{name: _arrays(place, blocks["labels"], name) for name in labeled},
+            **{name: _arrays(place, blocks[stage], name) for name, stage in labeled.items()},
         },
         attributes={
             "origin_m": list(grid.origin_m),
@@ -204,22 +212,30 @@ def _write_groups(
         },
         array_attributes={
             **dict.fromkeys(("is_surface", "color", "camera"), coloring),
-            **{name: {"provenance": provenances["labels"].attributes()} for name in labeled},
+            **{
+                name: {"provenance": provenances[stage].attributes()}
+                for name, stage in labeled.items()
+            },
         },
         rate_hz=source.fps,
     )
 
 
 def _write_body(
-    place: Place, source: Capture, folder: str, blocks: Blocks, provenance: Provenance
+    place: Place,
+    source: Capture,
+    folder: str,
+    blocks: Blocks,
+    provenances: dict[str, Provenance],
 ) -> list[str]:
     """Write body, pose and motion of a version; return the joints that are there."""
-    [initial], [fitted] = blocks["initial_model"], blocks["pose"]
+    [initial], [fitted], [tracked] = (
+        [written.block for written in blocks[stage]]
+        for stage in ("initial_model", "pose_fitting", "joint_tracks")
+    )
     start, fit = read_block(place, initial), read_block(place, fitted)
-    grid, frame = grid_of(source), initial["frame"]
-    hull = next(each for each in blocks["carving"] if each["start"] <= frame < each["end"])
-    runs = VoxelRuns(**read_block(place, hull), shape=grid.shape)
-    center = voxel_centers(grid, voxel_index(runs, frame - hull["start"]))
+    frames = VoxelFrames(place, grid_of(source), [each.block for each in blocks["carving"]])
+    center = voxel_centers(frames.grid, frames.index(initial.start))
     shape = measure_body(center, start["label"], fit["initial_joint"]).shape
     write_body(
         place,
@@ -233,8 +249,11 @@ def _write_body(
             "volume_share": shape.volume_share,
             "initial_joint": fit["initial_joint"],
         },
-        attributes={"initial_frame": frame, "confidence": initial["confidence"]},
-        provenance=provenance,
+        attributes={
+            "initial_frame": initial.start,
+            "confidence": round(float(start["confidence"]), 3),
+        },
+        provenance=provenances["initial_model"],
     )
     local_position, local_rotation = pose_in_parents(fit["position"], fit["rotation"])
     write_pose(
@@ -247,11 +266,10 @@ def _write_body(
         },
         rate_hz=source.fps,
         attributes={},
-        provenance=provenance,
+        provenance=provenances["pose_fitting"],
     )
-    joint = np.concatenate([read_block(place, block)["joint"] for block in blocks["labels"]])
-    track, filled = build_joint_track(joint, fit["quality"], JointTrackSettings())
-    stature_m = source.stature_m or track_stature(track)
+    track, filled = (read_block(place, tracked)[name] for name in ("position", "filled"))
+    stature_m = source.stature_m or take_stature(track)
     write_motion(
         place,
         folder,
@@ -266,7 +284,7 @@ def _write_body(
             "marker_set": "fitted pose",
             "notes": [],
         },
-        provenance=provenance,
+        provenance=provenances["joint_tracks"],
     )
     there = joints_present(track)
     return [joint for joint, present in zip(JOINTS, there, strict=True) if present]
@@ -274,14 +292,15 @@ def _write_body(
 
 def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
     """Say how sure the initial model is, and which frames are doubtful."""
-    if "pose" not in blocks:
+    if "joint_tracks" not in blocks:
         return []
-    fit = read_block(place, blocks["pose"][0])
-    initial = blocks["initial_model"][0]
+    fit = read_block(place, blocks["pose_fitting"][0].block)
+    [initial] = blocks["initial_model"]
+    confidence = float(read_block(place, initial.block, ["confidence"])["confidence"])
     notes = [
-        f"The body was measured in frame {initial['frame']}, with a confidence of "
-        f"{initial['confidence']:.2f}.",
-        *initial["notes"],
+        f"The body was measured in frame {initial.block.start}, with a confidence of "
+        f"{confidence:.2f}.",
+        *initial.notes,
     ]
     for name, said in _DOUBTS.items():
         frames = np.flatnonzero(fit.get(name, ()))  # `paper` has fewer reasons
@@ -299,11 +318,11 @@ def _provenances(
     for stage, parts in blocks.items():
         made[stage] = Provenance(
             stage,
-            settings[_SETTINGS.get(stage, stage)],
+            settings.get(stage, {}),
             dict(inputs),
-            seconds=sum(part["seconds"] for part in parts),
+            seconds=sum(part.seconds for part in parts),
         )
-        together = hashlib.sha256("".join(part["sha256"] for part in parts).encode())
+        together = hashlib.sha256("".join(part.block.sha256 for part in parts).encode())
         inputs[stage] = together.hexdigest()
     return made
 
@@ -311,30 +330,28 @@ def _provenances(
 def _offsets(place: Place, blocks: Blocks) -> dict[str, NDArray[np.int64]]:
     """Return where the runs, voxels and surface voxels of each frame begin, and the last end."""
     sizes: dict[str, list[NDArray[np.int64]]] = {"run": [], "voxel": [], "surface": []}
-    for block in blocks["carving"]:
-        runs = read_block(place, block)
+    for written in blocks["carving"]:
+        runs = read_block(place, written.block)
         total = np.concatenate([[0], np.cumsum(runs["length"], dtype=np.int64)])
         sizes["run"].append(np.diff(runs["offset"]))
         sizes["voxel"].append(np.diff(total[runs["offset"]]))
-    for block in blocks["coloring"]:
-        sizes["surface"].append(np.diff(read_block(place, block, ["offset"])["offset"]))
+    for written in blocks["coloring"]:
+        sizes["surface"].append(np.diff(read_block(place, written.block, ["offset"])["offset"]))
     return {
         over: np.concatenate([[0], np.cumsum(np.concatenate(parts))])
         for over, parts in sizes.items()
     }
 
 
-def _arrays(place: Place, parts: Sequence[dict[str, Any]], name: str) -> Iterator[NDArray]:
+def _arrays(place: Place, parts: Sequence[Written], name: str) -> Iterator[NDArray]:
     """Yield an array of block after block."""
-    return (read_block(place, block, [name])[name] for block in parts)
+    return (read_block(place, part.block, [name])[name] for part in parts)
 
 
-def _unpacked(
-    place: Place, parts: Sequence[dict[str, Any]], columns: int
-) -> Iterator[NDArray[np.bool_]]:
+def _unpacked(place: Place, parts: Sequence[Written], columns: int) -> Iterator[NDArray[np.bool_]]:
     """Yield the silhouettes of some frames after another."""
-    for block in parts:
-        packed = read_block(place, block, ["silhouette"])["silhouette"]
+    for part in parts:
+        packed = read_block(place, part.block, ["silhouette"])["silhouette"]
         for first in range(0, len(packed), 8):
             bits = np.unpackbits(packed[first : first + 8], axis=-1, count=columns)
             yield bits.view(np.bool_)

@@ -18,19 +18,14 @@ from typing import Any
 
 import numpy as np
 
-import flows  # noqa: F401 - memory is given back as in the command
+from flows import chain
 from storage import create_archive, open_archive
-from storage.blocks import block_path
+from storage.blocks import Written
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
-from storage.recordings import digest_capture
-from tasks.body.labeling import label_block
-from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
-from tasks.capture.films import block_ranges
-from tasks.reconstruction.carving import CarvingSettings, carve_block
-from tasks.reconstruction.coloring import ColoringSettings, color_block
-from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
+from storage.recordings import Recording, digest_capture
+from tasks.settings import Settings, settings_of_stages
 from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
 from tasks.studio.performances import demo_performances
 from tasks.takes.assembling import assemble_take
@@ -69,52 +64,28 @@ def used() -> float:
 
 def digitize(capture: Path, archive: str) -> dict[str, Any]:
     """Digitize a capture; return clock and processor milliseconds a frame of each stage."""
-    create_archive(archive)
+    opened, settings = create_archive(archive), Settings()
     source = read_capture(capture)
-    digest = digest_capture(capture)
-    shared = {"archive": archive, "capture": str(capture), "digest": digest}
-    settings = {
-        "silhouettes": SilhouetteSettings(),
-        "carving": CarvingSettings(),
-        "coloring": ColoringSettings(),
-        "posing": PosingSettings(),
-    }
-    blocks: dict[str, list[dict[str, Any]]] = {}
+    recording = Recording(
+        str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
+    )
     spent: dict[str, list[float]] = {}
-    posing = settings["posing"]
 
-    def run(stage: str, function: Any, **more: Any) -> dict[str, Any]:
-        path = block_path(source.take, digest, stage, more.get("start", more.pop("first", 0)))
+    def run(function: Any, **parameters: Any) -> Written:
         clock, processor = time.monotonic(), used()
-        found = function(**shared, into=path, **more)
+        written = function(**parameters)
         took = (time.monotonic() - clock, used() - processor)
+        stage = function.__module__.rsplit(".", 1)[-1]
         spent[stage] = [a + b for a, b in zip(spent.get(stage, (0.0, 0.0)), took, strict=True)]
-        blocks.setdefault(stage, []).append(found)
-        return found
+        return written
 
-    for start, end in block_ranges(source):
-        films = run(
-            "silhouettes", extract_block, start=start, end=end, settings=settings["silhouettes"]
-        )
-        hulls = run(
-            "carving", carve_block, silhouettes=films, first=start, settings=settings["carving"]
-        )
-        run(
-            "coloring", color_block, silhouettes=films, hulls=hulls, first=start,
-            settings=settings["coloring"],
-        )  # fmt: skip
-    voxels = {"hulls": blocks["carving"], "colors": blocks["coloring"]}
-    initial = run("initial_model", model_take, **voxels)
-    fitted = run("pose", fit_take, **voxels, initial=initial, settings=posing)
-    for start, end in block_ranges(source):
-        run(
-            "labels", label_block, **voxels, initial=initial, fitted=fitted, start=start, end=end,
-            settings=posing,
-        )  # fmt: skip
+    blocks, _ = chain.digitize(
+        opened.location, recording, settings, run=run, tell=lambda stage, end: None
+    )
     clock, processor = time.monotonic(), used()
     draft = assemble_take(
-        archive, str(capture), digest, source.take, blocks,
-        settings={name: {} for name in settings}, identity="", notes=[],
+        archive, str(capture), recording.digest, source.take, blocks,
+        settings=settings_of_stages(settings), changed={}, identity="", notes=[],
     )  # fmt: skip
     publish_take(archive, draft)
     spent["assembling"] = [time.monotonic() - clock, used() - processor]

@@ -3,29 +3,27 @@
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flows import chain
 from storage import create_archive, open_archive
-from storage.blocks import block_path, read_block
+from storage.blocks import Block, Written, read_block
 from storage.errors import ArchiveError, InputError
-from storage.formats.capture.capture import Capture, read_capture
+from storage.formats.capture.capture import Capture, capture_of, read_capture
 from storage.places import Place
-from storage.recordings import digest_capture
-from tasks.body.labeling import label_block
-from tasks.body.pose_fitting import PosingSettings, fit_take, model_take
-from tasks.capture.films import block_ranges, grid_of
+from storage.recordings import Recording, digest_capture
+from tasks.capture.films import grid_of
 from tasks.geometry.voxels import voxel_centers
-from tasks.reconstruction.carving import CarvingSettings, carve_block
-from tasks.reconstruction.coloring import ColoringSettings, color_block
-from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
+from tasks.reconstruction.silhouettes import extract_block
 from tasks.reconstruction.voxel_frames import VoxelFrames
+from tasks.settings import Settings
+from tasks.takes.assembling import Blocks
 from tests.benchmarks.pose_scores import joint_errors, label_accuracy, score_joints
 
-Refs = list[dict[str, Any]]
 SCORED_EVERY = 5
 """Labels are scored in every so many frames."""
 
@@ -35,11 +33,13 @@ class Voxels:
     """A capture and the colored voxels that were made of it."""
 
     archive: str
-    capture: Path
-    source: Capture
-    digest: str
-    blocks: dict[str, Refs] = field(default_factory=dict)
+    recording: Recording
+    blocks: Blocks
     """Of the stages silhouettes, carving and coloring, in the order of the frames."""
+
+    @property
+    def source(self) -> Capture:
+        return capture_of(self.recording.path, self.recording.digest)
 
     @property
     def place(self) -> Place:
@@ -47,24 +47,17 @@ class Voxels:
 
     @property
     def frames(self) -> VoxelFrames:
-        return VoxelFrames(
-            self.place, grid_of(self.source), self.blocks["carving"], self.blocks["coloring"]
+        hulls, colors = (
+            [each.block for each in self.blocks[stage]] for stage in ("carving", "coloring")
         )
-
-    def shared(self, stage: str, first: int = 0) -> dict[str, Any]:
-        """Return the arguments that all stages take."""
-        into = block_path(self.source.take, self.digest, stage, first)
-        return {
-            "archive": self.archive, "capture": str(self.capture), "digest": self.digest,
-            "into": into,
-        }  # fmt: skip
+        return VoxelFrames(self.place, grid_of(self.source), hulls, colors)
 
 
 def make_voxels(
     archive: Path,
     capture: Path,
     *,
-    spoil: Callable[[Voxels, dict[str, Any]], dict[str, Any]] | None = None,
+    spoil: Callable[[str, Capture, Written], Written] | None = None,
 ) -> Voxels:
     """Digitize a capture up to colored voxels into an archive, which is made if need be.
 
@@ -73,47 +66,42 @@ def make_voxels(
     archive, capture
         Folders.
     spoil : function, optional
-        Returns other silhouettes instead of a block of them, as `extract_block` returned it.
+        Given the archive, the capture and what `extract_block` wrote, writes other silhouettes.
     """
     if not archive.exists():
         create_archive(str(archive))
     source = read_capture(capture)
-    made = Voxels(str(archive), capture, source, digest_capture(capture))
-    blocks: dict[str, Refs] = {"silhouettes": [], "carving": [], "coloring": []}
-    for start, end in block_ranges(source):
-        films = extract_block(
-            **made.shared("silhouettes", start), start=start, end=end, settings=SilhouetteSettings()
+    recording = Recording(
+        str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
+    )
+
+    def run(function: Any, **parameters: Any) -> Written:
+        written = function(**parameters)
+        return (
+            spoil(str(archive), source, written) if spoil and function is extract_block else written
         )
-        films = spoil(made, films) if spoil else films
-        hulls = carve_block(
-            **made.shared("carving", start), silhouettes=films, settings=CarvingSettings(),
-        )  # fmt: skip
-        colors = color_block(
-            **made.shared("coloring", start), silhouettes=films, hulls=hulls,
-            settings=ColoringSettings(),
-        )  # fmt: skip
-        for stage, block in zip(blocks, (films, hulls, colors), strict=True):
-            blocks[stage].append(block)
-    return replace(made, blocks=blocks)
+
+    blocks, _ = chain.make_voxels(
+        str(archive), recording, Settings(), run=run, tell=lambda stage, end: None
+    )
+    return Voxels(str(archive), recording, blocks)
 
 
 def describe(voxels: Voxels, truth: Path) -> dict[str, Any]:
     """Return where voxels are, as JSON can hold it; see `recall`."""
-    return {
-        "archive": voxels.archive, "capture": str(voxels.capture), "digest": voxels.digest,
-        "blocks": voxels.blocks, "truth": str(truth),
-    }  # fmt: skip
+    return {**asdict(voxels), "truth": str(truth)}
 
 
 def recall(said: dict[str, Any]) -> Voxels:
     """Return the voxels that `describe` told of."""
-    capture = Path(said["capture"])
-    return Voxels(said["archive"], capture, read_capture(capture), said["digest"], said["blocks"])
+    blocks = {
+        stage: [Written(Block(**part["block"]), part["seconds"]) for part in parts]
+        for stage, parts in said["blocks"].items()
+    }
+    return Voxels(said["archive"], Recording(**said["recording"]), blocks)
 
 
-def pose(
-    voxels: Voxels, truth_path: Path, settings: PosingSettings, *, labels: bool = True
-) -> dict[str, Any]:
+def pose(voxels: Voxels, truth_path: Path, settings: Settings) -> dict[str, Any]:
     """Return the scores of a capture's poses and labels, and what each stage took.
 
     Returns
@@ -124,40 +112,37 @@ def pose(
     """
     spent: dict[str, float] = {}
 
-    def run(stage: str, function: Any, *, first: int = 0, **more: Any) -> dict[str, Any]:
+    def run(function: Any, *, into: str, **parameters: Any) -> Written:
         begun = time.process_time()
-        block = function(
-            **voxels.shared(f"{stage}-{os.getpid()}", first), hulls=voxels.blocks["carving"],
-            colors=voxels.blocks["coloring"], **more,
-        )  # fmt: skip
+        # of this process: others pose the same voxels with other settings
+        written = function(into=into.replace(".npz", f"-{os.getpid()}.npz"), **parameters)
+        stage = function.__module__.rsplit(".", 1)[-1]
         spent[stage] = spent.get(stage, 0.0) + time.process_time() - begun
-        return block
+        return written
 
     try:
-        initial = run("initial_model", model_take)
-        fitted = run("pose", fit_take, initial=initial, settings=settings)
-        blocks = [
-            run(
-                "labels", label_block, first=start, initial=initial, fitted=fitted, start=start,
-                end=end, settings=settings,
-            )
-            for start, end in block_ranges(voxels.source)
-        ] if labels else []  # fmt: skip
+        blocks = chain.make_poses(
+            voxels.archive, voxels.recording, voxels.blocks, settings,
+            run=run, tell=lambda stage, end: None,
+        )  # fmt: skip
     except (InputError, ArchiveError) as error:
         return {"refused": str(error)}
     truth = {name: value for name, value in np.load(truth_path).items() if name != "masks"}
     step = round(float(truth["fps"]) / voxels.source.fps)
     for name in ("joints", "verts"):
         truth[name] = truth[name][::step]
-    fit = read_block(voxels.place, fitted)
-    read = [read_block(voxels.place, block) for block in blocks]
-    position = np.concatenate([block["joint"] for block in read]) if read else fit["joint"]
-    score = score_joints(joint_errors(position, truth), fit["doubtful"])
-    if labels:
-        label = np.concatenate([block["label"] for block in read])
-        score["labels"] = label_accuracy(_labelled(voxels, label), truth)
+
+    def read(stage: str, name: str) -> np.ndarray:
+        parts = [read_block(voxels.place, each.block, [name])[name] for each in blocks[stage]]
+        return np.concatenate(parts)
+
+    position = read("joint_tracks", "position")
+    score = score_joints(joint_errors(position, truth), read("pose_fitting", "doubtful"))
+    score["labels"] = label_accuracy(_labelled(voxels, read("final_labeling", "label")), truth)
+    [initial] = blocks["initial_model"]
+    confidence = float(read_block(voxels.place, initial.block)["confidence"])
     frames = len(position)
-    score |= {"frames": frames, "confidence": initial["confidence"], "initial": initial["frame"]}
+    score |= {"frames": frames, "confidence": confidence, "initial": initial.block.start}
     return score | {"ms": {stage: 1e3 * total / frames for stage, total in spent.items()}}
 
 

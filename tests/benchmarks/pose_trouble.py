@@ -5,15 +5,15 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.blocks import read_block, write_block
+from storage import open_archive
+from storage.blocks import Written, read_block, write_block
 from storage.formats.calibration.toml import write_calibration
-from storage.formats.capture.capture import read_capture
+from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from tasks.capture.films import read_films
@@ -25,29 +25,29 @@ BLOBS, RADIUS_PX = 6, (1.5, 4.0)
 MOVED_PX = 1.0
 
 
-def spoil_silhouettes(voxels: Voxels, block: dict[str, Any]) -> dict[str, Any]:
+def spoil_silhouettes(archive: str, source: Capture, written: Written) -> Written:
     """Return a block of silhouettes with holes, bites and bumps instead of the one given.
 
     What was filmed in them comes along, as in the block of `extract_block`.
     """
-    begun = time.monotonic()
-    packed = read_block(voxels.place, block)["silhouette"]
-    columns = voxels.source.cameras[0].width
+    begun, block, place = time.monotonic(), written.block, open_archive(archive).place
+    packed = read_block(place, block)["silhouette"]
+    columns = source.cameras[0].width
     bits = np.unpackbits(packed, axis=-1, count=columns)
-    rng = np.random.default_rng([block["start"], 7])
+    rng = np.random.default_rng([block.start, 7])
     for frame in bits:
         for silhouette in frame:
             _flip_blobs(silhouette, rng)
     spoilt = np.packbits(bits, axis=-1)
-    frames = (block["start"], block["end"])
+    frames = (block.start, block.end)
     color = [
         take_pixels(silhouette, image)
-        for first, films in read_films(voxels.source, *frames)
-        for time_, images in enumerate(zip(*films, strict=True), first - block["start"])
+        for first, films in read_films(source, *frames)
+        for time_, images in enumerate(zip(*films, strict=True), first - block.start)
         for silhouette, image in zip(spoilt[time_], images, strict=True)
     ]
     arrays = {"silhouette": spoilt, "color": np.concatenate(color)}
-    return write_block(voxels.place, f"{block['path']}.spoilt", frames, arrays, begun)
+    return write_block(place, f"{block.path}.spoilt", frames, arrays, begun)
 
 
 def _flip_blobs(silhouette: NDArray[np.uint8], rng: np.random.Generator) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from tasks.body.pose_fitting import PosingSettings
+from tasks.settings import read_settings
 from tests.benchmarks.pose_captures import PLANS, make_captures
 from tests.benchmarks.pose_runs import Voxels, describe, make_voxels, pose, recall
 from tests.benchmarks.pose_sensitivity import measure_sensitivity
@@ -71,7 +71,7 @@ def row(name: str, score: dict[str, Any]) -> str:
 
 def heading() -> str:
     """Return the first lines of a table."""
-    names = ["capture", *COLUMNS, "ms a frame: model + pose + labels"]
+    names = ["capture", *COLUMNS, "ms a frame: model + pose + final + provisional + tracks"]
     return f"| {' | '.join(names)} |\n|{' --- |' * len(names)}"
 
 
@@ -89,7 +89,7 @@ def say(line: str) -> None:
 
 def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Print the table of all captures; return its figures."""
-    settings = PosingSettings(method=args.method)
+    settings = read_settings({"pose_fitting": {"method": args.method}}, "--method")
     scores = {}
     say(heading())
     for name, (capture, truth) in captures(folder, args.only).items():
@@ -101,7 +101,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 def measure_trouble(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Print the table of captures with added trouble; return its figures."""
-    settings = PosingSettings(method=args.method)
+    settings = read_settings({"pose_fitting": {"method": args.method}}, "--method")
     scores: dict[str, Any] = {}
     say(heading())
     for name, (capture, truth) in captures(folder, args.only or TROUBLED).items():

@@ -7,6 +7,7 @@ a background, image sizes agree, frame counts agree, and the cameras look at the
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,25 @@ def read_capture(folder: Path) -> Capture:
         tuple(backgrounds[camera.name].path for camera in cameras),
         frames, path, initial if initial.is_file() else None, tuple(shares), tuple(notes),
     )  # fmt: skip
+
+
+@lru_cache(maxsize=8)  # takes that one process digitizes side by side
+def capture_of(folder: str, digest: str) -> Capture:
+    """Read a capture whose content has this digest; once a process, whatever stage asks.
+
+    Parameters
+    ----------
+    folder
+        The capture.
+    digest
+        As of `storage.recordings.digest_capture`.
+
+    Raises
+    ------
+    InputError
+        As `read_capture`.
+    """
+    return read_capture(Path(folder))
 
 
 def _initial_faults(path: Path, frames: int) -> list[str]:

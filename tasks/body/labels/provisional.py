@@ -40,10 +40,13 @@ class ProvisionalSettings:
     """How far below its share a segment may stay, as part of it: what voxels of 1 cm can tell of
     a hand."""
 
-    most_rings: int = 400
+    most_rings: int = 20
     """Rings that are added at most. Of the paper's "repeat until the shares converge"; shares
     that cannot be reached together never do. With 0, 40, 120 and 400 the paper's chain labels
     .59, .66, .72 and .77 of a fitting costume right, of a kimono .35, .29, .48 and .40."""
+
+    most_rings_of_paper: int = 400
+    """The same, where the pose is fitted to the labels."""
 
     skin_speed: float = 5.0
     """How fast a hand or the face moves at most, statures a second: a punch is 5."""

@@ -1,0 +1,158 @@
+"""The order of the stages from films to joints, whoever runs them: a flow, a benchmark or a test.
+
+Films -> silhouettes -> visual hulls -> colored voxels -> initial model -> poses -> final labels ->
+provisional labels -> joint tracks. (The paper's provisional labels come before the pose: its
+method makes them inside the fit; what the stage stores are the same.)
+"""
+
+from collections.abc import Callable, Sequence
+
+from storage.blocks import Block, Written, block_path
+from storage.errors import InputError
+from storage.formats.capture.capture import capture_of
+from storage.recordings import Recording
+from tasks.body.final_labeling import label_block
+from tasks.body.initial_model import model_take
+from tasks.body.joint_tracks import track_take
+from tasks.body.pose_fitting import fit_take
+from tasks.body.provisional_labeling import label_block_provisionally
+from tasks.capture.films import block_ranges
+from tasks.checks.agreement import check_take
+from tasks.reconstruction.carving import carve_block
+from tasks.reconstruction.coloring import color_block
+from tasks.reconstruction.silhouettes import extract_block
+from tasks.settings import Settings
+from tasks.takes.assembling import Blocks
+
+Run = Callable[..., Written]
+"""Calls a stage's store function, the first argument, with the keywords that follow."""
+
+Tell = Callable[[str, int], None]
+"""Is told a stage and the frame that it has come to."""
+
+
+def digitize(
+    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell
+) -> tuple[Blocks, list[str]]:
+    """Run every stage on a capture; return what they wrote, and what was noted.
+
+    A take without an initial model keeps its colored voxels, and a note says why.
+
+    Parameters
+    ----------
+    archive
+        Where the blocks go.
+    recording
+        The capture, with its digest and the name of its take.
+    settings
+        Of every stage; each is given those that it reads.
+    run, tell
+        How a stage is run, and what hears of progress.
+
+    Raises
+    ------
+    InputError
+        If the capture cannot be digitized, or its `initial.json` cannot be used.
+    """
+    blocks, notes = make_voxels(archive, recording, settings, run=run, tell=tell)
+    try:
+        blocks |= make_poses(archive, recording, blocks, settings, run=run, tell=tell)
+    except InputError as error:
+        if capture_of(recording.path, recording.digest).initial:
+            raise  # a person's mistake, to be mended by that person
+        notes.append(f"The take has no pose and is not searched: {error}")
+    return blocks, notes
+
+
+def make_voxels(
+    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell
+) -> tuple[Blocks, list[str]]:
+    """Run the stages from the films to colored voxels; as `digitize`."""
+    shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
+    films, hulls, colors = [], [], []
+    for start, end in block_ranges(capture_of(recording.path, recording.digest)):
+        films.append(
+            run(
+                extract_block, **shared, into=_into(recording, "silhouettes", start),
+                start=start, end=end, settings=settings.silhouettes,
+            )
+        )  # fmt: skip
+        tell("silhouettes", end)
+    notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement)
+    for film in _blocks(films):
+        hulls.append(
+            run(
+                carve_block, **shared, into=_into(recording, "carving", film.start),
+                silhouettes=film, settings=settings.carving,
+            )
+        )  # fmt: skip
+        tell("carving", film.end)
+        colors.append(
+            run(
+                color_block, **shared, into=_into(recording, "coloring", film.start),
+                silhouettes=film, hulls=hulls[-1].block, settings=settings.coloring,
+            )
+        )  # fmt: skip
+        tell("coloring", film.end)
+    return {"silhouettes": films, "carving": hulls, "coloring": colors}, notes
+
+
+def make_poses(
+    archive: str, recording: Recording, voxels: Blocks, settings: Settings, *, run: Run, tell: Tell
+) -> Blocks:
+    """Run the stages from colored voxels to joints; as `digitize`."""
+    shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
+    hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
+    shared |= {"hulls": hulls}
+    model = run(
+        model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
+        settings=settings.initial_model,
+    )  # fmt: skip
+    tell("initial_model", model.block.end)
+    by_paper = settings.pose_fitting.method == "paper"
+    fit = run(
+        fit_take, **shared, colors=colors, initial=model.block,
+        into=_into(recording, "pose_fitting", 0), settings=settings.pose_fitting.read_by_method(),
+        provisional=settings.for_labels() if by_paper else None,
+    )  # fmt: skip
+    tell("pose_fitting", hulls[-1].end)
+    shared |= {"initial": model.block, "fitted": fit.block}
+    final, provisional = [], []
+    for hull in hulls:
+        final.append(
+            run(
+                label_block, **shared, into=_into(recording, "final_labeling", hull.start),
+                start=hull.start, end=hull.end,
+            )
+        )  # fmt: skip
+        tell("final_labeling", hull.end)
+        provisional.append(
+            run(
+                label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
+                into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
+                end=hull.end, settings=settings.for_labels(),
+            )
+        )  # fmt: skip
+        tell("provisional_labeling", hull.end)
+    tracked = run(
+        track_take, **shared, labels=_blocks(final), into=_into(recording, "joint_tracks", 0),
+        settings=settings.joint_tracks,
+    )  # fmt: skip
+    tell("joint_tracks", hulls[-1].end)
+    return {
+        "initial_model": [model],
+        "pose_fitting": [fit],
+        "final_labeling": final,
+        "provisional_labeling": provisional,
+        "joint_tracks": [tracked],
+    }
+
+
+def _into(recording: Recording, stage: str, start: int) -> str:
+    """Return where the block of a stage that begins at a frame goes."""
+    return block_path(recording.take, recording.digest, stage, start)
+
+
+def _blocks(written: Sequence[Written]) -> list[Block]:
+    """Return the blocks that a stage wrote."""
+    return [each.block for each in written]

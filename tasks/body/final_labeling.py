@@ -1,0 +1,74 @@
+"""Stage: the segment of every voxel, by the pose of its frame (digitization paper, 3.4.3).
+
+The poses of all frames are known, so labels are made block by block.
+"""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage import open_archive
+from storage.blocks import Block, Written, read_block, write_block
+from storage.formats.capture.capture import capture_of
+from tasks.body.labels.fields import BoneFields
+from tasks.body.labels.final import label_carried, label_frame
+from tasks.capture.films import grid_of
+from tasks.engine.threads import side_by_side
+from tasks.geometry.voxel_lines import lines_of
+from tasks.geometry.voxels import voxel_centers
+from tasks.reconstruction.voxel_frames import VoxelFrames
+
+
+def label_block(
+    archive: str, capture: str, digest: str, hulls: Sequence[Block], initial: Block,
+    fitted: Block, into: str, start: int, end: int,
+) -> Written:  # fmt: skip
+    """Write the final labels of the frames from `start` to before `end` as a block.
+
+    Parameters
+    ----------
+    archive, capture, digest, into
+        As for `model_take`.
+    hulls
+        What `carve_block` wrote, in the order of the frames.
+    initial, fitted
+        What `model_take` and `fit_take` wrote.
+
+    Returns
+    -------
+    Written
+        The arrays are `label` (voxel,), 0 to 11, and `offset` (frame + 1,) of a frame's voxels.
+    """
+    begun = time.monotonic()
+    place = open_archive(archive).place
+    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls)
+    fit = read_block(place, fitted)
+    given = read_block(place, initial, ["label"])["label"]
+
+    def label(frame: int) -> NDArray[np.uint8]:
+        if "blob_mean" in fit and frame == initial.start:
+            return given  # the paper's labels of t = 0 are placed, not computed
+        return _label_frame(frames, frame, fit)
+
+    labels = side_by_side(label, range(start, end))
+    arrays = {
+        "label": np.concatenate(labels),
+        "offset": np.cumsum([0, *map(len, labels)]).astype(np.int64),
+    }
+    return write_block(place, into, (start, end), arrays, begun)
+
+
+def _label_frame(frames: VoxelFrames, frame: int, fit: dict[str, NDArray]) -> NDArray[np.uint8]:
+    """Return the final labels of a frame by what its pose has made ready."""
+    lines = lines_of(frames.hull(frame))
+    if not lines.voxels:
+        return np.zeros(0, np.uint8)
+    if "blob_mean" in fit:
+        center = voxel_centers(frames.grid, frames.index(frame))
+        return label_frame(center, lines, fit["blob_mean"][frame], fit["blob_inverse"][frame])
+    fields = BoneFields(
+        fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
+    )
+    return label_carried(lines, fields, fit["turn"][frame], fit["shift"][frame])

@@ -48,7 +48,7 @@ def filmed(tmp_path_factory):
     return folder
 
 
-MOMENTS = ("coloring-00000008", "pose-00000000", "publishing")
+MOMENTS = ("coloring-00000008", "pose_fitting-00000000", "publishing")
 """The block before whose writing the program is killed, or the last stage."""
 
 KILLED = """

@@ -35,7 +35,7 @@ def arrays():
 
 def write(place, arrays, *, stage="carving", start=5, digest=DIGEST, take="okuri48"):
     path = block_path(take, digest, stage, start)
-    return write_block(place, path, (start, start + 3), arrays, time.monotonic())
+    return write_block(place, path, (start, start + 3), arrays, time.monotonic()).block
 
 
 def test_a_block_gives_back_every_array_bit_for_bit(place, arrays):
@@ -46,28 +46,31 @@ def test_a_block_gives_back_every_array_bit_for_bit(place, arrays):
         assert found[name].dtype == values.dtype
         np.testing.assert_array_equal(found[name], values)
         assert found[name].flags.writeable
-    assert (block["start"], block["end"]) == (5, 8)
-    assert block["path"].startswith("work/okuri48/")
+    assert (block.start, block.end) == (5, 8)
+    assert block.path.startswith("work/okuri48/")
     assert has_block(place, block)
 
 
 def test_seconds_are_those_since_the_stage_began(place, arrays):
     path = block_path("okuri48", DIGEST, "carving", 0)
-    assert 7.0 <= write_block(place, path, (0, 3), arrays, time.monotonic() - 7.0)["seconds"] < 9.0
+    hour = 3600.0  # against which what writing takes is nothing
+    written = write_block(place, path, (0, 3), arrays, time.monotonic() - hour, notes=["so"])
+    assert hour <= written.seconds < 2 * hour
+    assert (written.notes, written.block.path) == (("so",), path)
 
 
 def test_equal_arrays_give_equal_digests_in_whatever_order_they_come(place, arrays):
     first = write(place, arrays)
     again = write(place, dict(reversed(arrays.items())))
-    assert again["sha256"] == first["sha256"]
+    assert again.sha256 == first.sha256
     arrays["color"][6, 2] ^= 1
-    assert write(place, arrays)["sha256"] != first["sha256"]
+    assert write(place, arrays).sha256 != first.sha256
 
 
 @pytest.mark.parametrize("fault", ["flipped", "cut", "empty", "gone"])
 def test_a_damaged_block_is_never_read(place, arrays, fault):
     block = write(place, arrays)
-    path = place.folder / block["path"]
+    path = place.folder / block.path
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     if fault == "gone":
@@ -84,7 +87,7 @@ def test_blocks_of_one_capture_go_and_those_of_others_stay(place, arrays):
     write(place, arrays, stage="coloring")
     others = [write(place, arrays, digest="f" * 64), write(place, arrays, take="okuri48-b")]
     discard_blocks(place, "okuri48", DIGEST)
-    assert {file.path for file in list_files(place, "work")} == {each["path"] for each in others}
+    assert {file.path for file in list_files(place, "work")} == {each.path for each in others}
     discard_blocks(place, "okuri48", "f" * 64)
     assert not (place.folder / "work/okuri48").exists()
     discard_blocks(place, "never", DIGEST)
@@ -94,7 +97,7 @@ def test_blocks_that_nobody_goes_on_with_are_garbage_when_they_are_old(place, ar
     block = write(place, arrays)
     assert collect_garbage(place, older_than=timedelta(hours=1)) == []
     [removed] = collect_garbage(place, older_than=timedelta(0))
-    assert removed.path == block["path"]
+    assert removed.path == block.path
     assert list_files(place, "work") == []
 
 
@@ -107,4 +110,4 @@ def test_blocks_live_in_an_object_store_too(object_store, arrays):
     assert not has_block(place, block)
     assert has_block(place, other)
     with pytest.raises(FileNotFoundError):
-        read_file(place, block["path"])
+        read_file(place, block.path)

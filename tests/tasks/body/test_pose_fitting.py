@@ -9,7 +9,8 @@ import pytest
 from storage.errors import InputError
 from storage.schema import JOINTS
 from tasks.body.initial.search import InitialModel
-from tasks.body.pose_fitting import _check_measurable, _labels_to_carry
+from tasks.body.initial_model import _check_measurable
+from tasks.body.pose_fitting import _labels_to_carry
 from tests.conftest import swaying_body
 from tests.figures.box_frames import Frames
 

@@ -10,7 +10,7 @@ import pytest
 
 import tasks.reconstruction.voxel_frames
 from storage import create_archive
-from storage.blocks import write_block
+from storage.blocks import Block, write_block
 from tasks.geometry.voxels import VoxelGrid, encode_runs, surface_index, surface_voxels, take_frame
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
@@ -33,7 +33,9 @@ def frames(tmp_path, occupied):
     for first, end in itertools.pairwise(EDGES):
         runs = encode_runs(occupied[first:end])
         arrays = {"start": runs.start, "length": runs.length, "offset": runs.offset}
-        hulls.append(write_block(place, f"work/h{first}", (first, end), arrays, time.monotonic()))
+        hulls.append(
+            write_block(place, f"work/h{first}", (first, end), arrays, time.monotonic()).block
+        )
         surface = [surface_index(runs, n) for n in range(runs.frames)]
         arrays = {
             "is_surface": np.concatenate([surface_voxels(runs, n) for n in range(runs.frames)]),
@@ -41,7 +43,9 @@ def frames(tmp_path, occupied):
             "camera": np.concatenate(surface).sum(axis=1).astype(np.uint8),
             "offset": np.cumsum([0, *map(len, surface)]),
         }
-        colors.append(write_block(place, f"work/c{first}", (first, end), arrays, time.monotonic()))
+        colors.append(
+            write_block(place, f"work/c{first}", (first, end), arrays, time.monotonic()).block
+        )
     return VoxelFrames(place, GRID, hulls, colors)
 
 
@@ -51,7 +55,7 @@ def read(monkeypatch):
     read = []
 
     def counted(place, block, names=None):
-        read.append(block["path"])
+        read.append(block.path)
         return original(place, block, names)
 
     original = tasks.reconstruction.voxel_frames.read_block
@@ -103,7 +107,7 @@ def test_frames_and_what_they_hold_are_freed_at_once(tmp_path):
     """Not when the garbage collector comes: a block of a take is 30 MB."""
     gc.disable()
     try:
-        refs = [{"start": 0, "end": 1}]
+        refs = [Block("work/h0", 0, 1, "")]
         frames = VoxelFrames(create_archive(tmp_path / "archive").place, GRID, refs, refs)
         gone = weakref.ref(frames)
         del frames

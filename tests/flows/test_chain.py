@@ -1,0 +1,166 @@
+"""The chain of stages without Prefect: what is computed anew, and the paper's method whole."""
+
+import numpy as np
+import pytest
+
+from flows import chain
+from storage import create_archive
+from storage.blocks import read_block
+from storage.formats.capture.capture import read_capture
+from storage.recordings import Recording, digest_capture
+from tasks.body import paper_method
+from tasks.capture import films as capture_films
+from tasks.engine.fingerprints import fingerprint
+from tasks.settings import Settings, read_settings
+from tasks.studio.filming import (
+    FilmSettings,
+    RingSettings,
+    film_capture,
+    generate_cameras,
+    stretch_arms_first,
+)
+from tests.conftest import swaying_body
+
+pytestmark = pytest.mark.slow
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def posed(tmp_path_factory):
+    """A capture that begins with the arms stretched, and its archive."""
+    folder = tmp_path_factory.mktemp("films")
+    track = stretch_arms_first(swaying_body(3, 30), 30.0)[:FRAMES]
+    cameras = generate_cameras(
+        RingSettings(cameras=6, size=(160, 120)), center_m=(0.0, 0.9, 0.0), seed=4
+    )
+    capture = folder / "posed"
+    film_capture(
+        capture, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.025), seed=2
+    )
+    source = read_capture(capture)
+    recording = Recording(
+        str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
+    )
+    return create_archive(folder / "archive"), recording
+
+
+@pytest.fixture
+def digitize(posed, monkeypatch):
+    """Digitizes with some settings; returns the blocks and the stages that were computed."""
+    archive, recording = posed
+    monkeypatch.setattr(capture_films, "_BLOCK_FRAMES", 8)
+    known = _KNOWN
+
+    def run_all(tables=None):
+        computed = []
+
+        def run(function, **parameters):
+            named = {key: value for key, value in parameters.items() if key != "capture"}
+            key = fingerprint(function, named)
+            if key not in known:
+                # a block of other settings has another place, as those of other takes have
+                into = parameters["into"].replace(".npz", f"-{len(known)}.npz")
+                known[key] = function(**{**parameters, "into": into})
+                computed.append(function.__name__)
+            return known[key]
+
+        settings = read_settings(tables or {}, "these").that_are_read()
+        told = []
+        blocks, _ = chain.digitize(
+            archive.location, recording, settings, run=run,
+            tell=lambda stage, end: told.append((stage, end)),
+        )  # fmt: skip
+        assert {stage for stage, _ in told} == set(blocks)
+        return blocks, computed
+
+    return run_all
+
+
+_KNOWN: dict = {}
+
+LABELS = ["label_block_provisionally"] * 2
+AFTER_FIT = ["label_block", "label_block_provisionally"] * 2 + ["track_take"]
+AFTER_HULLS = ["color_block"] * 2 + ["model_take", "fit_take", *AFTER_FIT]
+
+
+@pytest.mark.parametrize(
+    ("tables", "computed"),
+    [
+        ({"provisional_labeling": {"volume_tolerance": 0.1}}, LABELS),
+        ({"provisional_labeling": {"most_rings_of_paper": 7}}, []),
+        ({"pose_fitting": {"paper": {"rounds": 2}}}, []),
+        ({"joint_tracks": {"radius": 0.06}}, ["track_take"]),
+        ({"pose_fitting": {"doubts": {"hidden_s": 0.2}}}, ["fit_take", *AFTER_FIT]),
+        ({"initial_model": {"search_s": 0.2}}, ["model_take"]),
+        ({"agreement": {"margin_m": 0.2}}, []),
+    ],
+    ids=lambda value: next(iter(value), "nothing") if isinstance(value, dict) else None,
+)
+def test_a_setting_computes_what_reads_it_anew_and_nothing_else(digitize, tables, computed):
+    """What comes after is computed only where what came before is another."""
+    digitize()
+    _, again = digitize(tables)
+    assert again == computed
+    assert digitize(tables)[1] == []
+
+
+def test_another_rule_of_silhouettes_is_another_take_altogether(digitize):
+    usual, _ = digitize()
+    other, computed = digitize({"silhouettes": {"rule": "crcb"}})
+    assert computed[:2] == ["extract_block"] * 2
+    assert "fit_take" in computed
+    assert other["silhouettes"][0].block.sha256 != usual["silhouettes"][0].block.sha256
+
+
+def test_what_is_stored_by_the_paper_is_what_its_pose_was_fitted_to(posed, digitize, monkeypatch):
+    """Provisional labels of every frame after the first, and the placed labels of the first."""
+    place, fitted_to = posed[0].place, []
+    fit = paper_method.fit_frame_as_paper
+
+    def fit_and_remember(center, label, *rest, **more):
+        fitted_to.append(label.copy())
+        return fit(center, label, *rest, **more)
+
+    monkeypatch.setattr(paper_method, "fit_frame_as_paper", fit_and_remember)
+    blocks, computed = digitize({"pose_fitting": {"method": "paper"}})
+    assert computed == ["fit_take", *AFTER_FIT]
+    [model] = blocks["initial_model"]
+    first = model.block.start
+    assert len(fitted_to) == FRAMES - first - 1
+    final, provisional = [], []
+    for each, before in zip(blocks["final_labeling"], blocks["provisional_labeling"], strict=True):
+        read = read_block(place, each.block)
+        labels = read_block(place, before.block)["provisional_label"]
+        for begin, end in zip(read["offset"], read["offset"][1:], strict=False):
+            final.append(read["label"][begin:end])
+            provisional.append(labels[begin:end])
+    for frame, label in enumerate(fitted_to, first + 1):
+        np.testing.assert_array_equal(provisional[frame], label)
+    np.testing.assert_array_equal(final[first], read_block(place, model.block)["label"])
+    assert any((a != b).any() for a, b in zip(final, provisional, strict=True))
+
+
+def test_the_papers_own_number_of_rings_reaches_its_fit(digitize):
+    usual, _ = digitize({"pose_fitting": {"method": "paper"}})
+    few, computed = digitize(
+        {"pose_fitting": {"method": "paper"}, "provisional_labeling": {"most_rings_of_paper": 0}}
+    )
+    assert computed[0] == "fit_take"
+    assert few["provisional_labeling"][1].block.sha256 != (
+        usual["provisional_labeling"][1].block.sha256
+    )
+    _, computed = digitize(
+        {"pose_fitting": {"method": "paper"}, "provisional_labeling": {"most_rings": 3}}
+    )
+    assert computed == []
+
+
+def test_one_stature_serves_every_stage(digitize, posed):
+    blocks, _ = digitize()
+    [model] = blocks["initial_model"]
+    stature_m = float(read_block(posed[0].place, model.block)["stature_m"])
+    assert 1.2 < stature_m < 2.0
+    assert Settings().provisional_labeling.reach_m(stature_m, 30.0) == pytest.approx(
+        5.0 * stature_m / 30.0
+    )

@@ -31,7 +31,7 @@ DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sub-command in `arguments` (default: the command line); return the exit code."""
     options = build_parser().parse_args(arguments)
-    _log_to_standard_error(quiet=options.quiet)
+    _log_to_standard_error(quiet=options.quiet, verbose=options.verbose)
     try:
         return options.run(options)
     except (UnknownNameError, UsageError) as error:
@@ -59,7 +59,11 @@ def build_parser() -> argparse.ArgumentParser:
         prog="shosa", description="Digital archives of dance: ingest motion, search by movement."
     )
     parser.add_argument("--version", action="version", version=f"shosa {shosa_version()}")
-    parser.add_argument("--quiet", action="store_true", help="only errors on standard error")
+    loudness = parser.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="only errors on standard error")
+    loudness.add_argument(
+        "-v", "--verbose", action="store_true", help="a line a stage and take, and how long it took"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_demo(commands)
     _add_ingest(commands)
@@ -407,11 +411,12 @@ def parse_frames(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _log_to_standard_error(*, quiet: bool) -> None:
+def _log_to_standard_error(*, quiet: bool, verbose: bool) -> None:
     """Let our modules speak on standard error, a line a message."""
+    of_stages = logging.INFO if verbose else logging.WARNING
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))
-    for name, level in (("flows", logging.INFO), ("tasks", logging.WARNING)):
+    for name, level in (("flows", logging.INFO), ("tasks", of_stages)):
         logger = logging.getLogger(name)
         logger.handlers[:] = [handler]
         logger.setLevel(logging.ERROR if quiet else level)

@@ -1,6 +1,7 @@
 """Put the blocks of a digitized take together as a version of the take, ready to be published."""
 
 import hashlib
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -35,6 +36,8 @@ from tasks.capture.films import grid_of, largest_image
 from tasks.geometry.voxels import voxel_centers
 from tasks.motion.stature import joints_present, take_stature
 from tasks.reconstruction.voxel_frames import VoxelFrames
+
+logger = logging.getLogger(__name__)
 
 _NO_CAMERA = 255
 _DOUBTS = {
@@ -107,6 +110,10 @@ def assemble_take(
         )
     if digest_capture(source.folder) != digest:
         raise InputError(f"{capture} changed while it was read; ingest it again when it is done")
+    for stage, parts in blocks.items():
+        seconds = sum(part.seconds for part in parts)
+        frames = parts[-1].block.end - parts[0].block.start
+        logger.info("%s: %s: %d frames, %.1f s", take, stage.replace("_", " "), frames, seconds)
     version = new_version(place, take)
     provenances = {
         "cameras": Provenance("calibration", {}, {capture: digest}),

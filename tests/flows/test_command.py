@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import asdict
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from tasks.takes.publishing import publish_take
 
 COMMANDS = (
     *("demo", "ingest", "plan", "render", "takes", "show", "path", "search", "index"),
-    *("export", "verify", "gc", "doctor"),
+    *("export", "verify", "gc", "doctor", "settings"),
 )
 
 
@@ -92,6 +93,49 @@ def test_show_and_path_tell_of_one_take(archive, capsys):
     assert json.loads(out)["joints_missing"] == []
     _, out, _ = run(capsys, "path", archive, "okuri48")
     assert Path(out.strip(), "motion", "zarr.json").is_file()
+
+
+def test_show_tells_the_settings_that_are_not_the_defaults(archive, capsys):
+    record = open_archive(archive).take("okuri48").record
+    [path] = Path(archive, "published", "okuri48").iterdir()
+    changed = {**asdict(record), "settings": {"pose_fitting.method": "paper"}}
+    path.write_text(json.dumps(changed))
+    _, out, _ = run(capsys, "show", archive, "okuri48")
+    assert re.search(r'^set +pose_fitting\.method = "paper", not the default$', out, re.MULTILINE)
+    _, out, _ = run(capsys, "show", archive, "okuri48", "--json")
+    assert json.loads(out)["settings"] == {"pose_fitting.method": "paper"}
+
+
+def test_a_record_of_before_settings_were_kept_is_read(archive, capsys):
+    [path] = Path(archive, "published", "okuri48").iterdir()
+    old = json.loads(path.read_text())
+    del old["settings"]
+    path.write_text(json.dumps(old))
+    code, out, _ = run(capsys, "show", archive, "okuri48", "--json")
+    assert (code, json.loads(out)["settings"]) == (0, {})
+
+
+def test_settings_are_printed_as_toml_and_as_json(capsys):
+    code, out, _ = run(capsys, "settings")
+    assert code == 0
+    assert tomllib.loads(out)["pose_fitting"]["method"] == "joint"
+    assert "# How the pose is fitted" in out
+    _, out, _ = run(capsys, "settings", "--json")
+    [method] = [s for s in json.loads(out)["settings"] if s["name"] == "pose_fitting.method"]
+    assert (method["value"], method["accepted"]) == ("joint", 'one of "joint", "paper"')
+
+
+def test_wrong_settings_are_refused_before_prefect_starts(archive, capsys, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "flows.ingestion", None)  # importing it would fail
+    file = tmp_path / "my.toml"
+    file.write_text('[pose_fitting]\nmethod = "papre"\n[carving]\nmin_camera = 2\n')
+    code, out, err = run(capsys, "ingest", archive, tmp_path / "inbox", "--settings", file)
+    assert (code, out) == (3, "")
+    assert 'method = \'papre\' should be one of "joint", "paper"' in err
+    assert "no setting 'carving.min_camera'; carving.min_cameras is meant?" in err
+    code, _, err = run(capsys, "ingest", archive, tmp_path / "inbox", "--settings", "none.toml")
+    assert code == 3
+    assert "none.toml cannot be read" in err
 
 
 def test_search_finds_the_clip_itself_first(archive, capsys):

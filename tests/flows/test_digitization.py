@@ -139,6 +139,43 @@ def test_what_did_not_change_is_not_computed_again_and_a_change_is_a_new_version
     assert (take.record.number, take.voxels(3).attrs["voxel_m"]) == (2, 0.06)
 
 
+def test_settings_of_the_capture_and_of_the_run_are_used_kept_and_told(
+    prefect_server, posed, tmp_path
+):
+    """The run's win; what was really used is in the provenance of each array."""
+    from flows.ingestion import ingest_archive
+
+    folder, archive = shutil.copytree(posed, tmp_path / "posed"), str(tmp_path / "archive")
+    (folder / "digitize.toml").write_text(
+        '[silhouettes]\nrule = "crcb"\n[joint_tracks]\nradius = 0.05\n'
+    )
+    given = {"joint_tracks": {"radius": 0.06}, "pose_fitting": {"method": "paper"}}
+    outcome = ingest_archive(archive, [str(folder)], settings=given)[0]
+    assert outcome.status == "ingested", outcome.reason
+    assert any("joint_tracks.radius is set by digitize.toml" in note for note in outcome.notes)
+    take = open_archive(archive).take("posed")
+    assert take.record.settings == {
+        "silhouettes.rule": "crcb",
+        "pose_fitting.method": "paper",
+        "joint_tracks.radius": 0.06,
+    }
+    assert take.silhouettes.attrs["provenance"]["settings"]["rule"] == "crcb"
+    assert take.pose.attrs["provenance"]["settings"]["method"] == "paper"
+    assert take.motion.attrs["provenance"]["settings"]["radius"] == 0.06
+    assert ingest_archive(archive, [str(folder)], settings=given)[0].status == "unchanged"
+    assert ingest_archive(archive, [str(folder)])[0].status == "ingested"  # other settings
+    assert open_archive(archive).take("posed").record.settings["joint_tracks.radius"] == 0.05
+
+
+def test_a_capture_with_wrong_settings_is_refused_alone(ingest, capture):
+    (capture / "digitize.toml").write_text("[carving]\nmin_cameras = 0\n[color]\n")
+    outcome = ingest()
+    assert outcome.status == "refused"
+    assert "digitize.toml cannot be used" in outcome.reason
+    assert "carving.min_cameras = 0 should be" in outcome.reason
+    assert "no stage 'color'; coloring is meant?" in outcome.reason
+
+
 def test_finished_blocks_are_kept_and_a_damaged_one_is_made_again(ingest, tmp_path, monkeypatch):
     from flows import digitization
 

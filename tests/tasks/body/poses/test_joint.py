@@ -8,7 +8,14 @@ from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
 from tasks.body.anatomy.nearest_bones import bones_of_voxels
 from tasks.body.blobs import blobs
-from tasks.body.blobs.fitting import FitSettings, Target, fit_frame, miss, weigh, worth
+from tasks.body.blobs.fitting import (
+    FitSettings,
+    Target,
+    fit_frame,
+    penalized_likelihood,
+    target_distances,
+    weigh,
+)
 from tasks.body.blobs.model import make_model
 from tasks.body.poses.joint import fit_poses, fitted_blobs
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
@@ -58,9 +65,9 @@ def test_a_hand_goes_where_it_was_seen(waving):
     target = Target(hand, np.array([0.03, 0.0, 0.0]), place, 1e4, 0.2)
     fit = fit_frame(model, voxels, pose, pose, [target], settings=FitSettings())
     free = fit_frame(model, voxels, pose, pose, settings=FitSettings())
-    assert miss(model, fit.pose, [target])[0] < 0.01
-    assert miss(model, free.pose, [target])[0] > 0.04
-    assert worth(model, fit, [target]) > worth(model, free, [target])
+    assert target_distances(model, fit.pose, [target])[0] < 0.01
+    assert target_distances(model, free.pose, [target])[0] > 0.04
+    assert penalized_likelihood(model, fit, [target]) > penalized_likelihood(model, free, [target])
 
 
 @pytest.mark.compiled  # fifty turns of fitting

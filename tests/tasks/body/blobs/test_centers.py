@@ -129,3 +129,8 @@ def test_slopes_are_what_differences_give(rng, body):
     for held in HELD:
         assert not centers[:, :, 3 * held : 3 * held + 3].any()
     assert PARENT[4] == 3
+
+
+def test_distances_that_are_usual_are_positive():
+    with pytest.raises(ValueError, match=r"uneven is 0\.0, it must be a number larger than 0"):
+        CenterSettings(uneven=0.0)

@@ -18,6 +18,7 @@ from tasks.body.blobs.fitting import (
 )
 from tasks.body.blobs.model import make_model
 from tasks.body.poses.joint import fit_poses, fitted_blobs
+from tasks.body.poses.passes import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 
@@ -187,3 +188,11 @@ def test_arguments_that_do_not_fit_are_named(waving):
     missing[JOINTS.index("RKnee")] = np.nan
     with pytest.raises(ValueError, match="has no RKnee; place"):
         fit_poses(hulls_of(runs), GRID, 30.0, missing, label)
+
+
+def test_settings_out_of_their_ranges_are_all_named():
+    message = r"most_likeness is 0\.5, .* 1 or more; keep_moving is 1\.5, .*; swivels is 0, "
+    with pytest.raises(ValueError, match=message):
+        JointMethodSettings(most_likeness=0.5, keep_moving=1.5, swivels=0)
+    with pytest.raises(ValueError, match=r"steps is 0, .* 1 or more; nobody is 0\.0, .* than 0"):
+        FitSettings(steps=0, nobody=0.0)

@@ -23,3 +23,7 @@ SEGMENTS = (
     "RUpperLeg", "RLowerLeg", "LUpperLeg", "LLowerLeg",
 )  # fmt: skip
 """The segments of a body; a voxel's label is the place in this list plus one, 0 is none."""
+
+NO_CAMERA = 255
+"""The camera of a surface voxel that no camera sees [camera]. It is the largest number of a uint8;
+a take has fewer cameras than that."""

@@ -26,7 +26,7 @@ from storage.arrays.groups import open_group, write_group
 from storage.formats.calibration.camera import Camera
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
-from storage.schema import SPACE
+from storage.schema import NO_CAMERA, SPACE
 
 _CHUNK = 1 << 18  # values read at once: a few frames of a performer
 _SHARD = 1 << 22  # values in a file
@@ -35,7 +35,6 @@ _PICTURES_READ = 8  # frames of a camera read at once
 _ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so
 _AS_IT_COMES: Any = {"write_empty_chunks": True}  # else each value is first compared with the fill
 _WRITERS = 2  # arrays that are written at a time, whole shards each: two shards are in memory
-_NO_CAMERA = 255
 
 RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
     "run_start": ("run", "uint32", ()),
@@ -200,7 +199,7 @@ def read_voxels(voxels: zarr.Group, frame: int) -> xarray.Dataset:
     origin = np.asarray(voxels.attrs["origin_m"], np.float64)
     is_surface = _read_ragged(voxels, "is_surface", frame)
     color = np.zeros((len(number), 3), np.uint8)
-    camera = np.full(len(number), _NO_CAMERA, np.uint8)
+    camera = np.full(len(number), NO_CAMERA, np.uint8)
     color[is_surface] = _read_ragged(voxels, "color", frame)
     camera[is_surface] = _read_ragged(voxels, "camera", frame)
     labels = {

@@ -1,4 +1,4 @@
-"""In which frames of a take a pose is doubtful that its method is content with, and why."""
+"""Find the frames of a take whose pose is doubtful though its method is content, and tell why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Positive, Share, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.geometry.runs import runs
 from tasks.geometry.sides import is_cut_off
@@ -15,26 +16,41 @@ from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers, voxel_index
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
-_LOOKED_AT = 3000  # voxels of a frame: a share of 0.03 is known to 0.003
+_LOOKED_AT = 3000
+"""How many voxels of a frame are looked at, about [voxels]. They tell a share of 0.03 to 0.003."""
 
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """When a pose is doubtful that its method is content with."""
+    """Everything that makes a pose doubtful though its method is content with it.
 
-    far: float = 4.0
-    """Standard deviations from every blob at which a voxel belongs to nothing that was fitted."""
-    unexplained: float = 0.03
-    """A larger share of such voxels than in the initial frame is a limb that the pose has lost,
-    another person, or something held: at most 0.007 more in four captures, 0.06 where the lower
-    legs were lost, 0.19 with an umbrella, 0.5 with another person."""
-    hidden_s: float = 0.3
-    """Where a hand is that was not seen for so long is a guess: of eighteen captures' 78 such
-    frames that nothing else made doubtful, a joint was more than 15 cm off in 45."""
-    least_confidence: float = 0.6
-    """A body that was measured with less confidence makes every frame doubtful: 0.69 and more in
-    eighteen captures that were followed, 0.33 and 0.44 in two whose legs were taken for each
-    other or that lacked limbs."""
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    far: Positive = 4.0
+    """How far from every blob a voxel belongs to nothing that was fitted [standard deviations].
+    Chosen by eye on the shared captures; not measured."""
+
+    unexplained: Share = 0.03
+    """How much more of a frame's voxels than of the initial frame's may be so far. More is a limb
+    that the pose has lost, another person, or something held: it was at most 0.007 more in four
+    captures, 0.06 where the lower legs were lost, 0.19 with an umbrella, 0.5 with another person.
+    """
+
+    hidden_s: Positive = 0.3
+    """How long a hand may be unseen. Its place is a guess then: of 78 such frames of eighteen
+    captures that nothing else made doubtful, a joint was more than 15 cm off in 45."""
+
+    least_confidence: Share = 0.6
+    """A body that was measured with less confidence makes every frame doubtful. It was 0.69 and
+    more in eighteen captures that were followed, 0.33 and 0.44 in two whose legs were taken for
+    each other or that lacked limbs."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 def find_doubts(
@@ -55,22 +71,24 @@ def find_doubts(
     frames
         The take's voxels.
     doubtful : (time,) bool
-        What the method itself doubts.
+        Which frames the method itself doubts.
     blobs : sequence of ((blob, 3), (blob, 3, 3))
         Mean, m, and inverse covariance, 1 / m**2, of the fitted body in each frame.
     hands : (time, 2, 3)
-        Where they were seen, NaN where they were not.
+        Where right and left hand were seen, NaN where they were not.
     rate_hz
         Frames a second.
     initial_frame, confidence
-        Where the body was measured, and with what confidence.
+        The frame in which the body was measured, and the confidence of that.
+    settings
+        What makes a pose doubtful.
 
     Returns
     -------
     dict of (time,) bool
         `unmeasured`: the body was measured with little confidence; `unexplained`: voxels belong to
         no blob; `cut_off`: the performer touches a side of the volume; `hidden`: a hand was not
-        seen for long; `doubtful`: any of these, or what was given.
+        seen for long; `doubtful`: any of these, or the method itself doubts the frame.
     """
 
     def look(frame: int) -> tuple[float, bool]:
@@ -101,16 +119,16 @@ def unexplained_share(
     mean: NDArray[np.floating],
     inverse: NDArray[np.floating],
     *,
-    beyond: float = 4.0,
+    beyond: float,
 ) -> float:
-    """Return the share of voxels that are far from everything that was fitted.
+    """Return the share of voxels that are far from all blobs.
 
     Parameters
     ----------
     center : (voxel, 3) float
-        Metres; some thousands, evenly from a frame's, tell a share of 0.03 to 0.003.
+        An even sample of a frame's voxels, metres.
     mean : (blob, 3) float
-        Of each blob, metres.
+        Middle of each blob, metres.
     inverse : (blob, 3, 3) float
         Inverse of each blob's covariance, 1 / square metres.
     beyond
@@ -128,10 +146,10 @@ def unexplained_share(
 
 @njit(cache=True, nogil=True)
 def _count_far(points: Any, mean: Any, inverse: Any, beyond: float) -> int:
-    """Return how many points are farther from every blob, in squared standard deviations."""
+    """Return how many points are farther from every blob than `beyond`, in variances."""
     far, b = 0, 0
     for point in points:
-        for _ in range(len(mean)):  # the blob that was near the point before comes first
+        for _ in range(len(mean)):  # the blob that the point before was near to comes first
             x, y, z = point[0] - mean[b, 0], point[1] - mean[b, 1], point[2] - mean[b, 2]
             squared = inverse[b, 0, 0] * x * x + inverse[b, 1, 1] * y * y
             squared += inverse[b, 2, 2] * z * z + 2 * inverse[b, 1, 2] * y * z

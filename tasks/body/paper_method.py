@@ -15,9 +15,7 @@ from tasks.body.extremities.places import Extremities
 from tasks.body.labels.final import label_frame
 from tasks.body.labels.provisional import ProvisionalSettings, label_provisionally
 from tasks.body.labels.skin import label_skin, skin_table
-from tasks.body.poses.paper import PaperFitSettings as PaperMethodSettings
-from tasks.body.poses.paper import fit_frame as fit_frame_as_paper
-from tasks.body.poses.paper import join_poses
+from tasks.body.poses.paper import PaperMethodSettings, fit_frame_as_paper, join_poses
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers
 from tasks.reconstruction.voxel_frames import VoxelFrames

@@ -36,8 +36,8 @@ from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.body.paper_method import Start, fit_as_paper
 from tasks.body.poses.joint import fit_poses, fitted_blobs
-from tasks.body.poses.paper import PaperFitSettings as PaperMethodSettings
-from tasks.body.poses.passes import PoseSettings as JointMethodSettings
+from tasks.body.poses.paper import PaperMethodSettings
+from tasks.body.poses.passes import JointMethodSettings
 from tasks.capture.films import grid_of
 from tasks.engine.settings import check_ranges
 from tasks.geometry.voxel_lines import marked_centers

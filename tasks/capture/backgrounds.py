@@ -1,4 +1,4 @@
-"""The background of a camera, pixel by pixel, and how bright a frame is beside it."""
+"""Make the background of a camera, pixel by pixel, and measure how bright a frame is beside it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,13 +10,51 @@ from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
 
-_STEP = 3  # every third pixel of every third row says enough about the brightness of a frame
-_DARK, _CLIPPED = 3 * 20.0, 3 * 250.0
+_STEP = 3
+"""From a pixel to the next one that tells the brightness of a frame, in rows and columns [px].
+Every third says enough; chosen by eye on the shared captures, not measured."""
+
+_DARK = 3 * 20.0
+"""A pixel of the background that is darker tells no gain [levels, sum of three channels]. Noise is
+a large share of it; chosen by eye, not measured."""
+
+_CLIPPED = 3 * 250.0
+"""A pixel of a frame that is brighter tells no gain [levels, sum of three channels]. It may be
+clipped at 255."""
+
 _LARGEST_GAIN = 2.0
-_BUCKETS, _BUCKETS_TO_ONE = 4096, 1024  # of the gains of pixels, among which the median is found
+"""How many times as bright as the background a frame is at most, and the other way round [factor].
+Beyond that the scene is another one, not the exposure."""
+
+_GAIN_REACH = np.float32(0.1)
+"""How far from the median the gain of a pixel may be that tells a frame's gain [share of the
+median]. Performer and shadows are farther off; chosen by eye, not measured."""
+
+_BUCKETS = 4096
+"""In how many buckets the gains of pixels are put to find their median [buckets]. It changes the
+speed only."""
+
+_BUCKETS_TO_ONE = 1024
+"""How many of the buckets are for gains up to 1 [buckets]. The last one is for gains from 4 on."""
+
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-_SMOOTHED_NOISE = 0.375  # what 1-2-1 in rows and columns leaves of independent noise
-_NORMAL_MEDIAN = 0.6745  # of the absolute value of a normal deviate
+"""The difference of two Laplacians, which leaves of a picture its noise [factor]. Immerkær 1996."""
+
+_LAPLACIAN_GAIN = 6.0
+"""How many times the standard deviation of independent noise it makes larger [factor]. It is the
+root of the sum of its squares."""
+
+_SMOOTHED_NOISE = 0.375
+"""What 1-2-1 in rows and columns leaves of the standard deviation of independent noise [share]. It
+is 6/16, the sum of the squares of 1-2-1 over 4 squared."""
+
+_NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a normal deviate [standard deviations]. From the table of the
+normal distribution."""
+
+_FEW = 3
+"""With fewer pictures of a background its noise is measured over the picture [pictures]. The median
+of one or two pictures leaves nobody out."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +119,7 @@ def make_background(images: NDArray[np.uint8]) -> Background:
         smoothed[n] /= measure_gain(smooth(image), first)
     # the median of one picture is the picture
     color = np.median(smoothed, axis=0).astype(np.float32) if len(images) > 1 else smoothed[0]
-    if len(images) < 3:
+    if len(images) < _FEW:
         return Background(color, flat + _SMOOTHED_NOISE * _image_noise(images[0]))
     spread = np.median(np.abs(smoothed - color).mean(axis=3), axis=0) / _NORMAL_MEDIAN
     # few pictures that happen to agree at a pixel do not make it free of noise
@@ -115,7 +153,7 @@ def measure_gain(image: NDArray[np.uint8], background: Background) -> np.float32
 def _image_noise(image: NDArray[np.uint8]) -> np.float32:
     """Return the standard deviation of the noise of a channel, from what no surface explains."""
     rough = cv2.filter2D(image.astype(np.float32), -1, _LAPLACIAN)
-    return np.float32(np.median(np.abs(rough)) / _NORMAL_MEDIAN / 6.0)
+    return np.float32(np.median(np.abs(rough)) / _NORMAL_MEDIAN / _LAPLACIAN_GAIN)
 
 
 @njit(cache=True, nogil=True)
@@ -153,7 +191,7 @@ def _gain(image: Any, behind: Any, front: Any, ratio: Any) -> Any:
     if not count:
         return 1.0
     median = _median(ratio, count)
-    reach, there = np.float32(0.1) * median, behind.reshape(-1)
+    reach, there = _GAIN_REACH * median, behind.reshape(-1)
     ahead = back = 0.0
     for n in range(len(ratio)):
         if abs(ratio[n] - median) <= reach:

@@ -1,4 +1,4 @@
-"""What the stages read of a capture: its cameras as arrays, its backgrounds, blocks of its films.
+"""Read of a capture what stages need: cameras as arrays, backgrounds, and blocks of films.
 
 No stage and no arithmetic: the part of a store function that several stages share.
 """
@@ -25,14 +25,33 @@ from tasks.geometry.voxels import VoxelGrid, volume_grid
 _Item = TypeVar("_Item")
 
 _BACKGROUND_FRAMES = 25
+"""How many frames of a film make a background [frames]. A median of 25 leaves out who walks
+through; chosen by eye, not measured."""
+
 _BLOCK_FRAMES = 150
-_BLOCK_BYTES = 1 << 26  # silhouettes of all cameras, a bit a pixel
-_HELD_BYTES = 1 << 27  # decoded frames of all cameras: two such blocks are in memory
+"""How many frames a block of a take has at most [frames]. It takes some seconds to compute."""
+
+_LEAST_FRAMES = 8
+"""How many frames a block of a take has at least, however large the images are [frames]. Chosen
+by eye; not measured."""
+
+_BLOCK_BYTES = 1 << 26
+"""How large the silhouettes of all cameras of a block are at most, a bit a pixel [bytes]."""
+
+_HELD_BYTES = 1 << 27
+"""How large decoded frames of all cameras are that are worked on at a time, at most [bytes]. Two
+such blocks are in memory."""
+
+_MOST_AT_ONCE = 16
+"""How many frames are decoded at a time at most [frames]. Chosen by eye; not measured."""
+
+_COEFFICIENTS = 8
+"""How many numbers describe a lens [numbers]. They are OpenCV's k1, k2, p1, p2, k3, k4, k5, k6."""
 
 
 def projection_of(cameras: Sequence[Camera]) -> Projection:
     """Return the cameras of a capture as arrays."""
-    distortion = np.zeros((len(cameras), 8))
+    distortion = np.zeros((len(cameras), _COEFFICIENTS))
     for row, camera in zip(distortion, cameras, strict=True):
         row[: len(camera.distortion)] = camera.distortion
     pose = [np.column_stack([camera.rotation, camera.translation]) for camera in cameras]
@@ -59,7 +78,7 @@ def block_ranges(capture: Capture) -> list[tuple[int, int]]:
     """Return the first frame of each block of a take, and the frame after its last one."""
     rows, columns = largest_image(capture.cameras)
     frame_bytes = len(capture.cameras) * rows * columns // 8
-    length = max(8, min(_BLOCK_FRAMES, _BLOCK_BYTES // frame_bytes))
+    length = max(_LEAST_FRAMES, min(_BLOCK_FRAMES, _BLOCK_BYTES // frame_bytes))
     return [(n, min(n + length, capture.frames)) for n in range(0, capture.frames, length)]
 
 
@@ -104,7 +123,7 @@ def read_films(
         for camera, path in zip(capture.cameras, capture.videos, strict=True)
     ]
     frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
-    block = max(1, min(16, _HELD_BYTES // frame_bytes))
+    block = max(1, min(_MOST_AT_ONCE, _HELD_BYTES // frame_bytes))
     yield from _one_ahead(read_blocks(videos, block=block, start=start, end=end, workers=THREADS))
 
 

@@ -20,6 +20,7 @@ from storage import open_archive
 from storage.blocks import Block, Written, read_block, write_block
 from storage.formats.capture.capture import capture_of
 from tasks.capture.films import grid_of, largest_image, projection_of
+from tasks.engine.settings import Count, CountOrNone, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, join_runs
@@ -37,18 +38,16 @@ class CarvingSettings:
         If a number is negative, or `min_cameras` is 0.
     """
 
-    misses_allowed: int = 0
-    """How many cameras that see a voxel may film it outside their silhouettes."""
+    misses_allowed: CountOrNone = 0
+    """How many cameras that see a voxel may film it outside their silhouettes [cameras]. The paper
+    allows none."""
 
-    min_cameras: int = 3
-    """A voxel seen by fewer cameras is empty. Two silhouettes meet in more than a performer."""
+    min_cameras: Count = 3
+    """A voxel that fewer cameras see is empty [cameras]. Two silhouettes meet in more than a
+    performer."""
 
     def __post_init__(self) -> None:
-        if self.misses_allowed < 0 or self.min_cameras < 1:
-            raise ValueError(
-                f"misses_allowed {self.misses_allowed} must be at least 0 and min_cameras "
-                f"{self.min_cameras} at least 1"
-            )
+        check_ranges(self)
 
 
 def carve_visual_hull(

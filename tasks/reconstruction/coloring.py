@@ -7,7 +7,6 @@ Which cameras see a voxel is found in `tasks.reconstruction.sight.visibility`; t
 "observed in the image" only.
 """
 
-import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -18,8 +17,10 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import Block, Written, read_block, write_block
 from storage.formats.capture.capture import capture_of
+from storage.schema import NO_CAMERA
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.engine.kernels import njit
+from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.voxels import (
@@ -33,8 +34,8 @@ from tasks.geometry.voxels import (
 from tasks.reconstruction.regions.pixels import place_pixels
 from tasks.reconstruction.sight.visibility import REACH, hide_pixels
 
-NO_CAMERA = 255
-"""The camera of a voxel that no camera sees."""
+_COLORED = 2
+"""What a crop has where a voxel has a color of its own; an occupied voxel without one has 1."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,13 @@ class ColoringSettings:
         If the lift is not a finite number from 0.
     """
 
-    lift_voxels: float = 2.0
-    """How far above a voxel the lines to the cameras begin. On generated dancers 0,
-    1, 1.5 and 2 leave 14, 4.7, 2.2 and 0.7 % without color, 79, 90, 92 and 94 % have the right
-    part's color of their own, and more than 2 adds nothing."""
+    lift_voxels: NotNegative = 2.0
+    """How far above a voxel the lines to the cameras begin [voxels]. On generated dancers 0, 1, 1.5
+    and 2 leave 14, 4.7, 2.2 and 0.7 % without color, 79, 90, 92 and 94 % have the right part's
+    color of their own, and more than 2 adds nothing."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.lift_voxels) and self.lift_voxels >= 0):
-            raise ValueError(f"lift_voxels {self.lift_voxels} must be a finite number from 0")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ class SurfaceColors:
     """(surface voxel, 3) RGB."""
 
     camera: NDArray[np.uint8]
-    """(surface voxel,) the camera whose candidate was taken; 255 where no camera sees it, and
-    the color is the nearest colored voxel's (black where there is none)."""
+    """(surface voxel,) the camera whose candidate was taken; `NO_CAMERA` where no camera sees the
+    voxel, and the color is the nearest colored voxel's (black where there is none)."""
 
 
 def color_surface(
@@ -107,7 +107,7 @@ def color_surface(
     ------
     ValueError
         If the hull is not one frame on this grid, images and silhouettes are not of these
-        cameras, or there are more than 255 cameras.
+        cameras, or there are `NO_CAMERA` cameras or more.
     """
     _check(hull, grid, images, silhouettes, projection)
     crop, begin = padded_crop(hull, 0, margin=REACH)
@@ -122,7 +122,7 @@ def color_surface(
     _choose(np.ascontiguousarray(images), pixel, color, camera)
     seen = camera != NO_CAMERA
     if seen.any() and not seen.all():
-        crop[tuple(place[seen].T)] = 2
+        crop[tuple(place[seen].T)] = _COLORED
         nearest = np.empty((len(index) - int(seen.sum()), 3), np.int64)
         _find_nearest(crop, place[~seen], nearest)
         number = np.ravel_multi_index(tuple(place.T), crop.shape)
@@ -207,7 +207,7 @@ def _choose(images: Any, pixel: Any, color: Any, camera: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
-    """Write the place of the colored voxel (2 in the crop) nearest to each, shell by shell."""
+    """Write the place of the colored voxel nearest to each place, shell by shell."""
     for n in range(len(place)):
         x, y, z = place[n, 0], place[n, 1], place[n, 2]
         least, reach = -1, 1
@@ -217,7 +217,7 @@ def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
                     shell = abs(i - x) == reach or abs(j - y) == reach
                     step = 1 if shell else 2 * reach
                     for k in range(z - reach, z + reach + 1, step):
-                        if not 0 <= k < crop.shape[2] or crop[i, j, k] != 2:
+                        if not 0 <= k < crop.shape[2] or crop[i, j, k] != _COLORED:
                             continue
                         distance = (i - x) ** 2 + (j - y) ** 2 + (k - z) ** 2
                         if (

@@ -16,10 +16,11 @@ A frame is judged by itself, so that a take may be cut into blocks anywhere.
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
 from storage import open_archive
@@ -28,81 +29,100 @@ from storage.formats.capture.capture import capture_of
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.engine.kernels import njit
+from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
 from tasks.reconstruction.regions.specks import clean_region
 
-RULES = ("chroma", "crcb")
+_BLACK = np.float32(1.0)
+"""Square of a length that is added to that of the background's color [levels²]. It gives black,
+which has no color, a direction that divides."""
+
+_LUMA_OF_RED = np.float32(0.299)
+"""Share of red in luma. ITU-R BT.601."""
+
+_LUMA_OF_GREEN = np.float32(0.587)
+"""Share of green in luma. ITU-R BT.601."""
+
+_LUMA_OF_BLUE = np.float32(0.114)
+"""Share of blue in luma. ITU-R BT.601."""
+
+_CR_OF_RED = np.float32(0.713)
+"""Factor from the difference of red and luma to Cr [factor]. ITU-R BT.601: 0.5 / (1 - 0.299)."""
+
+_CB_OF_BLUE = np.float32(0.564)
+"""Factor from the difference of blue and luma to Cb [factor]. ITU-R BT.601: 0.5 / (1 - 0.114)."""
 
 
 @dataclass(frozen=True)
 class SilhouetteSettings:
-    """Everything that changes a silhouette; what is chosen by measurement names the range tried."""
+    """Everything that changes a silhouette, and nothing that does not.
 
-    rule: str = "chroma"
-    """"chroma" or "crcb"."""
-    threshold: float = 18.0
-    """Color distance from every brightness of the background above which a pixel may be the
-    performer, in levels of 0-255: 14 to 22 differ by 0.001 of overlap."""
-    noise_levels: float = 5.0
-    """The threshold is at least this many times the noise of the background at the pixel."""
-    darkest: float = 0.5
-    """Share of its brightness that the background keeps in the deepest shadow."""
-    brightest: float = 1.3
-    """Times its brightness that the background may shine."""
-    cut: float = 0.46
-    """Share of the way from the background's color to the performer's at which the outline is
-    drawn: half, less a little, so that on four rendered captures as much is lost as is added.
-    This one matters: 0.5 costs 0.005 of overlap, 0.35 and 0.58 cost 0.02."""
-    other_color: float = 27.0
-    """Distance of a color from all mixtures of the performer's around it and the background's
-    above which it is the performer's too, 0-255: a hand that shows beside a trunk is too thin to
-    be looked at by itself. On twelve generated captures it finds a sixth to two thirds of what was
-    missing of what is thinner than five pixels; 22 finds more and adds more that is not there, 18
-    costs 0.002 of overlap."""
-    reach_px: int = 3
-    """Half width of the window in which the colors beside the outline are looked for."""
-    passes: int = 2
-    """How often the outline is drawn: each time it moves by a pixel at most. Sharp pictures need
-    one; in blurred ones (sigma 1 to 1.6 pixels) a second wins 0.01 of overlap."""
-    crcb_threshold: float = 18.0
-    """Difference of Cr or Cb, 0-255, above which `crcb` sees the performer. The paper gives none:
-    18 had the best overlap of 13.5, 18 and 22.5, over four rendered captures."""
-    speck_share: float = 8e-4
-    """A region smaller than this share of the picture is a speck: 60 pixels of 320 x 240."""
-    hole_share: float = 1e-4
-    """A hole smaller than this share of the picture is filled: 8 pixels of 320 x 240."""
+    Raises
+    ------
+    ValueError
+        If the rule is unknown or a number out of its range; every fault is said.
+    """
+
+    rule: Literal["chroma", "crcb"] = "chroma"
+    """How the performer is told from the background. `chroma` measures best on outline and shadows
+    together; `crcb` is the paper's rule."""
+
+    threshold: NotNegative = 18.0
+    """Distance of a color from every brightness of the background above which a pixel may be the
+    performer [levels of 0 to 255]. 14 to 22 differ by 0.001 of overlap."""
+
+    noise_levels: NotNegative = 5.0
+    """How many times the noise of the background at the pixel the threshold is at least [standard
+    deviations]. Chosen by eye on the shared captures; not measured."""
+
+    darkest: Annotated[float, Gt(0), Le(1)] = 0.5
+    """How much of its brightness the background keeps in the deepest shadow [share]. Chosen by eye
+    on the shared captures; not measured."""
+
+    brightest: Annotated[float, Ge(1)] = 1.3
+    """How many times its brightness the background may shine [factor]. Chosen by eye on the shared
+    captures; not measured."""
+
+    cut: Annotated[float, Gt(0), Lt(1)] = 0.46
+    """How far on the way from the background's color to the performer's the outline is drawn
+    [share]. It is half, less a little, so that on four rendered captures as much is lost as is
+    added. This one matters: 0.5 costs 0.005 of overlap, 0.35 and 0.58 cost 0.02."""
+
+    other_color: NotNegative = 27.0
+    """Distance of a color from all mixtures of the performer's around it and the background's above
+    which it is the performer's too [levels of 0 to 255]. A hand that shows beside a trunk is too
+    thin to be looked at by itself. On twelve generated captures 27 finds a sixth to two thirds of
+    what was missing of what is thinner than five pixels; 22 finds more and adds more that is not
+    there, 18 costs 0.002 of overlap."""
+
+    reach_px: Annotated[int, Ge(2), Le(50)] = 3
+    """Half width of the window in which the colors beside the outline are looked for. Chosen by eye
+    on the shared captures; not measured."""
+
+    passes: Annotated[int, Ge(0), Le(50)] = 2
+    """How often the outline is drawn, which moves it by a pixel at most [passes]. Sharp pictures
+    need one; in blurred ones (sigma 1 to 1.6 pixels) a second wins 0.01 of overlap."""
+
+    crcb_threshold: NotNegative = 18.0
+    """Difference of Cr or Cb above which `crcb` sees the performer [levels of 0 to 255]. The paper
+    gives none: 18 had the best overlap of 13.5, 18 and 22.5, over four rendered captures."""
+
+    speck_share: NotNegative = 8e-4
+    """A region smaller than this is removed [share of the picture]. It is 60 pixels of 320 x 240;
+    chosen by eye on the shared captures, not measured."""
+
+    hole_share: NotNegative = 1e-4
+    """A hole smaller than this is filled [share of the picture]. It is 8 pixels of 320 x 240;
+    chosen by eye on the shared captures, not measured."""
 
     def __post_init__(self) -> None:
-        faults = []
-        if self.rule not in RULES:
-            faults.append(f"rule is {self.rule!r}, one of {', '.join(RULES)} is wanted")
-        for name in (
-            "threshold",
-            "crcb_threshold",
-            "noise_levels",
-            "other_color",
-            "speck_share",
-            "hole_share",
-        ):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                faults.append(f"{name} is {getattr(self, name)}, a number from 0 is wanted")
-        if not 0.0 < self.darkest <= 1.0 <= self.brightest < np.inf:
-            faults.append(
-                f"darkest is {self.darkest} and brightest {self.brightest}, 1 is wanted between"
-            )
-        if not 0.0 < self.cut < 1.0:
-            faults.append(f"cut is {self.cut}, a share between 0 and 1 is wanted")
-        if not 2 <= self.reach_px <= 50:
-            faults.append(f"reach_px is {self.reach_px}, 2 to 50 pixels are wanted")
-        if not 0 <= self.passes <= 50:
-            faults.append(f"passes is {self.passes}, 0 to 50 are wanted")
-        if faults:
-            raise ValueError("; ".join(faults))
+        check_ranges(self)
 
 
 DEFAULT = SilhouetteSettings()
+"""The settings of silhouettes where nobody gave others."""
 
 
 def extract_silhouettes(
@@ -243,7 +263,7 @@ def _differ_in_color(image: Any, behind: Any, noise: Any, limits: Any, seed: Any
         for j in range(columns):
             r, g, b = np.float32(red[j]), np.float32(green[j]), np.float32(blue[j])
             br, bg, bb = gain * red_behind[j], gain * green_behind[j], gain * blue_behind[j]
-            length = br * br + bg * bg + bb * bb + np.float32(1.0)  # 1: black has no color
+            length = br * br + bg * bg + bb * bb + _BLACK
             share = (r * br + g * bg + b * bb) / length
             share = share if share > darkest else darkest
             share = share if share < brightest else brightest
@@ -265,8 +285,8 @@ def _differ_in_chroma(image, color, threshold, seed):
             r = np.float32(image[i, j, 0]) - color[i, j, 0]
             g = np.float32(image[i, j, 1]) - color[i, j, 1]
             b = np.float32(image[i, j, 2]) - color[i, j, 2]
-            y = np.float32(0.299) * r + np.float32(0.587) * g + np.float32(0.114) * b
-            cr, cb = np.float32(0.713) * (r - y), np.float32(0.564) * (b - y)
+            y = _LUMA_OF_RED * r + _LUMA_OF_GREEN * g + _LUMA_OF_BLUE * b
+            cr, cb = _CR_OF_RED * (r - y), _CB_OF_BLUE * (b - y)
             seed[i, j] = max(abs(cr), abs(cb)) > threshold
 
 

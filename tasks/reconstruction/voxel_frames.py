@@ -14,7 +14,8 @@ from storage.blocks import Block, read_block
 from storage.places import Place
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame, voxel_index
 
-_MOST_HELD = 2  # blocks: neighbors in time may be of two
+_MOST_HELD = 2
+"""How many blocks are held [blocks]. Neighbors in time may be of two."""
 
 _Held = TypeVar("_Held")
 
@@ -66,7 +67,7 @@ class VoxelFrames:
         color : (surface voxel, 3) uint8
             RGB.
         camera : (surface voxel,) uint8
-            255 where no camera sees the voxel.
+            `storage.schema.NO_CAMERA` where no camera sees the voxel.
         """
         number, runs, inside = self._find(frame)
         colors = self._hold(self._held_colors, number, lambda: self._read_colors(number, runs))

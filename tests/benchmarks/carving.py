@@ -25,10 +25,11 @@ import numcodecs
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import NO_CAMERA
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, decode_runs, join_runs, volume_grid
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
-from tasks.reconstruction.coloring import NO_CAMERA, ColoringSettings, color_surface
+from tasks.reconstruction.coloring import ColoringSettings, color_surface
 from tests.benchmarks.carving_peers import (
     MIN_CAMERAS,
     lens_of,

@@ -17,7 +17,8 @@ from tasks.body.extremities.places import Extremities, ExtremitySettings, find_e
 from tasks.body.initial.search import InitialModel, InitialModelSettings, find_initial_model
 from tasks.body.joint_tracks import track_stature
 from tasks.body.pose_fitting import cues_of
-from tasks.body.poses.joint import PoseSettings, fit_poses
+from tasks.body.poses.joint import fit_poses
+from tasks.body.poses.passes import JointMethodSettings
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tests.benchmarks.pose_runs import Voxels
 from tests.benchmarks.pose_scores import joint_errors, score_joints
@@ -29,7 +30,7 @@ CHANGES = (0.75, 1.25)
 class Settings:
     """All constants on the way from voxels to a pose."""
 
-    joint: PoseSettings = field(default_factory=PoseSettings)
+    joint: JointMethodSettings = field(default_factory=JointMethodSettings)
     extremities: ExtremitySettings = field(default_factory=ExtremitySettings)
     initial: InitialModelSettings = field(default_factory=InitialModelSettings)
 

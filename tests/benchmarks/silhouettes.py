@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.capture.backgrounds import make_background
-from tasks.reconstruction.silhouettes import RULES, SilhouetteSettings, extract_silhouettes
+from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
 
 CAMERAS, FRAMES, ROWS, COLUMNS = 8, 30, 240, 320
 REPEATS = 5
@@ -51,7 +51,7 @@ def main() -> None:
     frames, plate = make_film()
     background = make_background(plate[None])
     rows = {}
-    for rule in RULES:
+    for rule in ("chroma", "crcb"):
         settings = SilhouetteSettings(rule=rule)
         rows[rule] = milliseconds(
             lambda settings=settings: extract_silhouettes(frames, background, settings)

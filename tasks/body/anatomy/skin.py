@@ -15,10 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import NO_CAMERA
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
-
-NO_CAMERA = 255
-"""The camera of a surface voxel whose color is not its own."""
 
 LEAST_RATIO = 1.0
 """Logarithm of how much likelier a color is on hands or face than elsewhere that is skin."""

@@ -1,16 +1,17 @@
-"""Find the centers that bones turn about from how they move: joints that clothes hide.
+"""Find the centers that bones turn about from how the bones move: joints that clothes hide.
 
-The initial model puts joints by the proportions of a body. Once the poses of many frames are
-known, better places follow from the same least squares: the joints of the initial pose become
-unknowns of all frames together, and each frame's pose is eliminated (bundle adjustment with the
-Schur complement; the joints are the centers of rotation of Gamage and Lasenby, "New least squares
-solutions for estimating the average centre of rotation", 2002). A joint that hardly bends stays
-where it was, and right and left are much alike.
+The initial model places joints by the proportions of a body. The poses of many frames tell better
+places by the same least squares: the joints of the initial pose become unknowns of all frames
+together, and each frame's pose is eliminated (bundle adjustment with the Schur complement; the
+joints are the centers of rotation of Gamage and Lasenby, "New least squares solutions for
+estimating the average centre of rotation", 2002). A joint that hardly bends stays where it was, and
+right and left joints stay much alike.
 
-The base of the neck and the hips are not moved: the hull shows both where clothes hide other
-joints. Above the one seven vertebrae bend, so that the head has no one center there; moved, it
-went 3 cm backwards in a take of a dancer who holds the head forward. What is around the others
-does not turn with the thigh; moved, they sank by up to 1.4 cm in rendered takes.
+The base of the neck and the hips are not moved, for the hull shows them where clothes hide other
+joints. Seven vertebrae bend above the base of the neck, so that the head has no single center
+there: when it was moved, it went 3 cm backwards in a take of a dancer who holds the head forward.
+The voxels around the hips do not turn with the thighs: when the hips were moved, they sank by up to
+1.4 cm in rendered takes.
 """
 
 from collections.abc import Iterable
@@ -21,9 +22,18 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONES, PARENT, PROXIMAL, Floats
 from tasks.body.blobs.least_squares import UNKNOWNS
+from tasks.engine.settings import Positive, check_ranges
 
 _HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
-_BELOW = np.zeros((len(BONES), len(BONES)), np.bool_)  # [j, k]: bone k is j or hangs on it
+"""The bones whose proximal joints are not moved."""
+
+_ROOT_HELD = 1e-3
+"""Information by which a frame's root stays where it is, on each axis [1/m²]. It is next to none:
+it keeps the equations solvable when no blob has voxels."""
+
+_BELOW = np.zeros((len(BONES), len(BONES)), np.bool_)
+"""(bone, bone) True at [j, k] where bone k is bone j or hangs on it."""
+
 for _k in range(len(BONES)):
     _j = _k
     while _j >= 0:
@@ -33,33 +43,45 @@ for _k in range(len(BONES)):
 
 @dataclass(frozen=True)
 class CenterSettings:
-    """Everything that changes where joints are found to be; lengths in statures."""
+    """Everything that changes where joints are found to be.
 
-    usual: float = 0.02
-    """How far the joints of an initial model usually are from the body's, 3 cm."""
+    Raises
+    ------
+    ValueError
+        If a number is not larger than 0.
+    """
 
-    uneven: float = 0.01
-    """How much right and left usually differ."""
+    usual: Positive = 0.02
+    """How far the joints of an initial model usually are from the body's [statures]. It is 3 cm of
+    a dancer; chosen by eye on the shared captures, not measured."""
 
-    trusted: float = 0.002
-    """Share of a frame's voxels that what is usual is worth."""
+    uneven: Positive = 0.01
+    """How much a right and a left joint usually differ [statures]. Chosen by eye on the shared
+    captures; not measured."""
+
+    trusted: Positive = 0.002
+    """How much the usual distances weigh in a frame [share of the frame's voxels]. Chosen by eye on
+    the shared captures; not measured."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What one frame says of its blobs, in a fitted pose."""
+    """Where the voxels of one frame draw the blobs of a fitted pose."""
 
     bone: NDArray[np.int64]
     """(blob,) the bone of each."""
 
     mean: Floats
-    """(blob, 3) where the pose has it, m."""
+    """(blob, 3) where the pose puts the blob, m."""
 
     information: Floats
-    """(blob, 3, 3) about its place, per m**2."""
+    """(blob, 3, 3) about the blob's place, per m**2."""
 
     residual: Floats
-    """(blob, 3) from there to the middle of its voxels, m."""
+    """(blob, 3) from the blob to the middle of its voxels, m."""
 
     joints: Floats
     """(bone, 3) proximal joints, m."""
@@ -75,25 +97,26 @@ def move_centers(
     stiffness: Floats,
     settings: CenterSettings,
 ) -> Floats:
-    """Return how far the proximal joint of each bone should move in the initial pose.
+    """Return by how much the proximal joint of each bone should move in the initial pose.
 
     Parameters
     ----------
     frames
-        Of different poses.
+        Frames in different poses.
     left : (3,) float64
         Unit vector to the performer's left in the initial pose.
     stature_m
         The performer's height.
     stiffness : (bone,) float64
-        Information per rad**2 that a fitted pose has but for the voxels.
+        Information per rad**2 about a bone's turn that does not come from voxels.
     settings
-        What is usual.
+        Which moves are usual.
 
     Returns
     -------
     (bone, 3) float64
-        Metres; zero for body and head, which turn about the base of the neck, and upper legs.
+        Metres. It is zero for the body and the head, which turn about the base of the neck, and for
+        the upper legs.
     """
     size = 3 * len(BONES)
     normal, right = np.zeros((size, size)), np.zeros(size)
@@ -105,20 +128,20 @@ def move_centers(
         whole = slope.reshape(weighed.shape).T @ weighed
         force = frame.residual.ravel() @ weighed
         own = whole[:UNKNOWNS, :UNKNOWNS] + np.diag(
-            np.concatenate([[1e-3] * 3, np.repeat(stiffness, 3)])
+            np.concatenate([[_ROOT_HELD] * 3, np.repeat(stiffness, 3)])
         )
         cross = whole[:UNKNOWNS, UNKNOWNS:]
         solved = np.linalg.solve(own, np.column_stack([cross, force[:UNKNOWNS]]))
         normal += whole[UNKNOWNS:, UNKNOWNS:] - cross.T @ solved[:, :-1]
         right += force[UNKNOWNS:] - cross.T @ solved[:, -1]
-    worth = settings.trusted * max(count, 1)
-    normal += np.eye(size) * worth / (settings.usual * stature_m) ** 2
-    _add_symmetry(normal, left, worth / (settings.uneven * stature_m) ** 2)
+    weight = settings.trusted * max(count, 1)
+    normal += np.eye(size) * weight / (settings.usual * stature_m) ** 2
+    _add_symmetry(normal, left, weight / (settings.uneven * stature_m) ** 2)
     return np.asarray(np.linalg.solve(normal, right), np.float64).reshape(-1, 3)
 
 
 def _pose_slope(frame: Evidence) -> Floats:
-    """Return (blob, 3, unknown) how blobs move with the pose: root, then a twist of each bone."""
+    """Return (blob, 3, unknown) how blobs move with the root and with a twist of each bone."""
     bone = frame.bone
     slope = np.zeros((len(bone), 3, UNKNOWNS))
     slope[:, :, :3] = np.eye(3)
@@ -131,7 +154,7 @@ def _pose_slope(frame: Evidence) -> Floats:
 
 
 def _center_slope(frame: Evidence) -> Floats:
-    """Return (blob, 3, 3 a bone) how blobs move with the joints of the initial pose."""
+    """Return (blob, 3, 3 bones) how blobs move with the joints of the initial pose."""
     turned = frame.rotation[PARENT] - frame.rotation
     turned[_HELD] = 0.0
     moved = _BELOW[:, frame.bone].T[:, None, :, None] * turned.swapaxes(0, 1)
@@ -139,7 +162,7 @@ def _center_slope(frame: Evidence) -> Floats:
 
 
 def _add_symmetry(normal: Floats, left: Floats, weight: float) -> None:
-    """Add that left joints move as the mirror images of right ones; others stay in the middle."""
+    """Add the wish that left and right joints move as mirror images, and others in the middle."""
     mirror = np.eye(3) - 2.0 * np.outer(left, left)
     for j, name in enumerate(PROXIMAL):
         own = slice(3 * j, 3 * j + 3)

@@ -1,8 +1,9 @@
 """Fit the pose of a body of blobs to the voxels of one frame.
 
-Expectation (`blobs.share_out`) and one step of least squares over all bones
-(`articulated.add_points`) by turns, with the blobs wider at first. A blob pulls with at most a
-multiple of its own volume, so that cloth around it does not pull more than the body.
+The fit alternates between sharing the voxels out among the blobs (`blobs.share_out`) and one step
+of least squares over all bones (`least_squares.add_points`). The blobs are wider at first, so that
+they find voxels that are far away. A blob pulls with at most a multiple of its own volume, so that
+the cloth around it does not pull more than the body.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,62 +16,116 @@ from tasks.body.anatomy.bones import BONES, Floats, Pose, place_bones, place_joi
 from tasks.body.blobs.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 from tasks.body.blobs.least_squares import UNKNOWNS, add_points, add_priors, move, solve
-from tasks.body.blobs.model import FitModel
+from tasks.body.blobs.model import FitModel, number_bones
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Positive, check_ranges
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Everything that changes the fit of one frame; information is in units of the hull."""
+    """Everything that changes the fit of one frame.
 
-    steps: int = 6
-    """Most turns of expectation and least squares a frame."""
+    Information is relative to that of the hull: all voxels of a frame together weigh 1.
 
-    widening: float = 1.5
-    """Factor of the blobs' size in the first turn; it falls to 1 over the first 60 %."""
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
 
-    nobody: float = 0.006
-    """Density of the uniform class, as a share of the median density of a blob's middle."""
+    steps: Count = 6
+    """How often at most a frame's voxels are shared out and the pose is moved [turns]. Chosen by
+    eye on the shared captures; not measured."""
 
-    most_mass: float = 1.6
-    """A blob pulls with at most this multiple of its share of the voxels."""
+    widening: Positive = 1.5
+    """Factor of the blobs' size in the first turn [factor]. It falls to 1 while the fit goes on.
+    Chosen by eye on the shared captures; not measured."""
 
-    foreseen: float = 0.02
-    """Information of the foreseen pose."""
+    nobody: Positive = 0.006
+    """Density of the voxels of nobody [share of the median density of a blob's middle]. Chosen by
+    eye on the shared captures; not measured."""
 
-    rest: float = 0.001
-    """Information of the initial pose: the spine bends little."""
+    most_mass: Positive = 1.6
+    """A blob pulls with at most so many times its share of the voxels [factor]. Cloth around a bone
+    has more voxels than the bone. Chosen by eye on the shared captures; not measured."""
 
-    limit: float = 2.0
-    """Information of the limits of knees and elbows."""
+    foreseen: NotNegative = 0.02
+    """Information that the turn of a bone is the foreseen one [1/rad²]. Chosen by eye on the shared
+    captures; not measured."""
+
+    rest: NotNegative = 0.001
+    """Information that the turn of a bone is that of the initial pose [1/rad²]. The spine bends
+    little. Chosen by eye on the shared captures; not measured."""
+
+    limit: NotNegative = 2.0
+    """Information that a joint keeps its limits [1/rad²]. Chosen by eye on the shared captures; not
+    measured."""
 
     centers: CenterSettings = field(default_factory=CenterSettings)
 
-    largest_turn: float = 0.4
-    """Largest turn of a joint in a step, rad."""
+    largest_turn: Positive = 0.4
+    """How far a joint turns in a step at most [rad]. Chosen by eye on the shared captures; not
+    measured."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
-# Head, body, waist, then arms and legs (upper, lower, right before left), hands and feet: heavy
-# bones carry on, and the spine bends less than limbs turn. An arm before the trunk may show
-# nowhere for a second: it goes on as it was, where rest would stretch it out to the side again.
-_FORESEEN = np.array([0.5, 2, 4, 2, 1.4, 2, 1.4, 1, 0.7, 1, 0.7, 2, 2, 1, 1])
-_REST = np.array([3, 12, 20, 0, 0, 0, 0, 0.6, 0.4, 0.6, 0.4, 1, 1, 6, 6])
-_ROOT_STAYS = 0.3  # information of the foreseen place of the root, per m**2: next to none
+_FORESEEN = number_bones(
+    {
+        "Head": 0.5, "Body": 2, "Waist": 4, "UpperArm": 2, "ForeArm": 1.4, "Hand": 2,
+        "UpperLeg": 1, "LowerLeg": 0.7, "Foot": 1,
+    }
+)  # fmt: skip
+"""How much the foreseen turn of each bone weighs [times `FitSettings.foreseen`]. Heavy bones keep
+their motion. Chosen by eye on the shared captures; not measured."""
+
+_REST = number_bones(
+    {
+        "Head": 3, "Body": 12, "Waist": 20, "UpperArm": 0, "ForeArm": 0, "Hand": 1,
+        "UpperLeg": 0.6, "LowerLeg": 0.4, "Foot": 6,
+    }
+)  # fmt: skip
+"""How much the initial turn of each bone weighs [times `FitSettings.rest`]. The spine bends less
+than limbs turn. Arms have 0: for a second no voxel may tell an arm that is held before the trunk,
+and it should stay as it was then, not stretch out to the side again. Chosen by eye on the shared
+captures; not measured."""
+
+_ROOT_STAYS = 0.3
+"""Information that the root is at its foreseen place, on each axis [1/m²]. It is next to none
+beside that of the voxels."""
+
+_WIDE_SHARE = 0.6
+"""Share of a frame's turns over which the blobs shrink to their size. Chosen by eye on the shared
+captures; not measured."""
+
+_DAMPING = 1e-6
+"""What is added to the diagonal of the normal equations [1/m² or 1/rad²]. It keeps them solvable
+where nothing tells an unknown."""
+
+_LEAST_MASS = 1e-5
+"""A blob with a smaller share of a frame's voxels does not pull. Not one of some thousand voxels is
+its own then, so that their middle says nothing."""
+
+_NOT_ZERO = 1e-9
+"""What divides at least, where a divisor may be 0 [number]."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A place that a point of the body was seen at."""
+    """A place where a point of the body was seen."""
 
     bone: int
+    """The bone that the point rides on."""
+
     offset: Floats
     """(3,) the point in the initial pose, m from the bone's proximal joint."""
 
     place: Floats
-    """(3,) m."""
+    """(3,) where the point was seen, m."""
 
     weight: float
-    """Information, per m**2."""
+    """Information about the place, per m**2."""
 
     scale_m: float
     """Distance from which the pull weakens (Cauchy)."""
@@ -78,14 +133,14 @@ class Target:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted frame."""
+    """A pose that was fitted to a frame, and how well it fits."""
 
     pose: Pose
     likelihood: float
     """Mean log likelihood of a voxel, relative to the uniform class."""
 
     support: Floats
-    """(bone,) voxels that belong to a bone, as a share of the bone's at first; 1 is all."""
+    """(bone,) the voxels that a bone has, as a share of those that it had at first; 1 is all."""
 
 
 def fit_frame(
@@ -99,16 +154,20 @@ def fit_frame(
     steps: int | None = None,
     widening: float | None = None,
 ) -> Fit:
-    """Return the pose that fits a frame's voxels best, near a start.
+    """Return the pose near a start that fits a frame's voxels best.
 
     Parameters
     ----------
     voxels
-        An even sample of the frame's.
+        An even sample of the frame's voxels.
     start, ahead
-        Where the fit begins, and the pose foreseen.
+        The pose that the fit begins with, and the pose that is foreseen.
     targets
-        Points of the body seen elsewhere.
+        Where points of the body were seen.
+    settings
+        The numbers of the fit.
+    steps, widening
+        Instead of those of the settings.
     """
     stiffness = np.stack([settings.foreseen * _FORESEEN, settings.rest * _REST], 1)
     limits = model.limits * np.array([1, settings.limit, 1, 1, 1, 1, 1, 1, 1.0])
@@ -130,11 +189,11 @@ def fit_frame(
     held = np.bincount(blobs.bone, np.minimum(mass, blobs.share), len(BONES))
     whole = np.bincount(blobs.bone, blobs.share, len(BONES))
     relative = likelihood - np.log(settings.nobody)
-    return Fit(Pose(root, rotation), relative, held / np.maximum(whole, 1e-9))
+    return Fit(Pose(root, rotation), relative, held / np.maximum(whole, _NOT_ZERO))
 
 
 def _pack(model: FitModel, voxels: Voxels) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return voxels and body as `weigh` takes them."""
+    """Return the voxels and the body as `weigh` takes them."""
     return (
         (voxels.count, voxels.points, voxels.likeness, voxels.boxes),
         (model.origin, model.body, model.blobs.share, model.weight, model.kind),
@@ -142,7 +201,7 @@ def _pack(model: FitModel, voxels: Voxels) -> tuple[tuple[Any, ...], tuple[Any, 
 
 
 def _gather(targets: Sequence[Target]) -> tuple[Any, ...]:
-    """Return bone, offset, place, weight and scale of targets as arrays."""
+    """Return the bones, offsets, places, weights and scales of targets as arrays."""
     return (
         np.array([t.bone for t in targets], np.int64),
         np.array([t.offset for t in targets]).reshape(-1, 3),
@@ -157,17 +216,20 @@ def _climb(
     voxels: Any, body: Any, pose: Any, foreseen: Any, targets: Any, numbers: Any, turns: Any,
     mass: Any,
 ) -> float:  # fmt: skip
-    """Move a pose (root, rotation) until it fits; write each blob's share of the voxels.
+    """Move a pose until it fits; return the mean log likelihood of a voxel.
 
     body : origin, blobs, share, weight and kind of `FitModel`
-    foreseen : root, rotation, then stiffness and limits as `add_priors` takes them
-    targets : as of `_gather`; numbers : nobody, most_mass and largest_turn of `FitSettings`
-    turns : how many, and how wide the blobs are in the first
+    pose : root and rotation; written
+    foreseen : root and rotation, then stiffness and limits as `add_priors` takes them
+    targets : as `_gather` returns them
+    numbers : nobody, most_mass and largest_turn of `FitSettings`
+    turns : how many turns there are, and how wide the blobs are in the first
+    mass : (blob,) written: the share of the voxels that each blob has
     """
     origin, blobs, share = body[0], body[1], body[2]
     root, rotation = pose
     steps, wide = turns
-    anneal = max(1.0, 0.6 * steps)
+    anneal = max(1.0, _WIDE_SHARE * steps)
     own, count = len(share), len(blobs[0])
     placed = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
     evidence = np.empty((own, 3, 3)), np.empty((own, 3))
@@ -191,10 +253,10 @@ def _climb(
             normal[a, a] += _ROOT_STAYS
             right[a] += _ROOT_STAYS * (foreseen[0][a] - root[a])
         for k in range(UNKNOWNS):
-            normal[k, k] += 1e-6
+            normal[k, k] += _DAMPING
         solve(system, step)
         largest = np.abs(step[3:]).max()
-        step *= min(1.0, numbers[2] / max(largest, 1e-9))
+        step *= min(1.0, numbers[2] / max(largest, _NOT_ZERO))
         move(step, rotation, turned)
         rotation[:] = turned
         root += step[:3]
@@ -206,13 +268,13 @@ def weigh(
     voxels: Any, body: Any, joints: Any, rotation: Any, widening: float, numbers: Any,
     placed: Any, evidence: Any, mass: Any,
 ) -> float:  # fmt: skip
-    """Share voxels out in a pose; return the mean log likelihood of a voxel.
+    """Share voxels out among the blobs of a pose; return the mean log likelihood of a voxel.
 
     voxels, body, numbers : as for `_climb`
     placed : written as by `place_blobs`
     evidence : written: information (blob, 3, 3) about the place of each of the body's blobs, and
-        residual (blob, 3) from there to the middle of its voxels
-    mass : (blob,) written: share of the voxels that each has
+        residual (blob, 3) from the blob to the middle of its voxels
+    mass : (blob,) written: the share of the voxels that each blob has
     """
     _, blobs, share, weight, kind = body
     mean, inverse, half = placed
@@ -223,9 +285,9 @@ def weigh(
     likelihood = share_out(voxels, around, numbers[0], sums)
     for b in range(len(share)):
         mass[b] = sums[b, 0] / max(voxels[0], 1)
-        pull = min(mass[b], numbers[1] * share[b]) if mass[b] >= 1e-5 else 0.0
+        pull = min(mass[b], numbers[1] * share[b]) if mass[b] >= _LEAST_MASS else 0.0
         for i in range(3):
-            residual[b, i] = sums[b, 1 + i] / max(sums[b, 0], 1e-9) - mean[b, i]
+            residual[b, i] = sums[b, 1 + i] / max(sums[b, 0], _NOT_ZERO) - mean[b, i]
             for j in range(3):
                 information[b, i, j] = pull * inverse[b, i, j] * widening**2
     return likelihood
@@ -233,7 +295,7 @@ def weigh(
 
 @njit(cache=True, nogil=True)
 def _add_targets(targets: Any, rotation: Any, joints: Any, system: Any) -> None:
-    """Add the pull of places seen, weaker where they are far."""
+    """Add the pull of places where points were seen; the farther a place, the weaker it pulls."""
     bone, offset, place, weight, scale = targets
     points, residual = np.empty((len(bone), 3)), np.empty((len(bone), 3))
     information = np.zeros((len(bone), 3, 3))
@@ -253,7 +315,7 @@ def _add_targets(targets: Any, rotation: Any, joints: Any, system: Any) -> None:
 def settle_joints(
     model: FitModel, frames: Iterable[tuple[Voxels, Pose]], settings: FitSettings
 ) -> FitModel:
-    """Return the body with its joints where fitted frames have their centers of rotation."""
+    """Return the body with its joints at the centers that bones turn about in fitted frames."""
     seen = (_weigh_pose(model, voxels, pose, settings) for voxels, pose in frames)
     stiffness = settings.foreseen * _FORESEEN
     moved = move_centers(seen, model.left, model.stature, stiffness, settings.centers)
@@ -267,6 +329,7 @@ def settle_joints(
 
 
 def _weigh_pose(model: FitModel, voxels: Voxels, pose: Pose, settings: FitSettings) -> Evidence:
+    """Return where a frame's voxels draw the blobs of a pose."""
     own, count = len(model.blobs.bone), len(model.kind)
     placed = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
     evidence = np.empty((own, 3, 3)), np.empty((own, 3))
@@ -284,17 +347,20 @@ def _weigh_pose(model: FitModel, voxels: Voxels, pose: Pose, settings: FitSettin
     return Evidence(model.blobs.bone, placed[0][:own], *evidence, joints, pose.rotation)
 
 
-def miss(model: FitModel, pose: Pose, targets: Sequence[Target]) -> Floats:
+def target_distances(model: FitModel, pose: Pose, targets: Sequence[Target]) -> Floats:
     """Return (target,) how far points of the body are from where they were seen, m."""
     joints = place_bones(pose, model.origin)
     away = [joints[t.bone] + pose.rotation[t.bone] @ t.offset - t.place for t in targets]
     return np.array([np.linalg.norm(each) for each in away], np.float64)
 
 
-def worth(model: FitModel, fit: Fit, targets: Sequence[Target]) -> float:
-    """Return how well a fit explains voxels and places seen; larger is better."""
-    missed = 0.0
-    for target, away in zip(targets, miss(model, fit.pose, targets), strict=True):
+def penalized_likelihood(model: FitModel, fit: Fit, targets: Sequence[Target]) -> float:
+    """Return the likelihood of a fit less the cost of its distances to targets.
+
+    Of two fits, the one with the larger value explains the frame better.
+    """
+    penalty = 0.0
+    for target, away in zip(targets, target_distances(model, fit.pose, targets), strict=True):
         far = away / target.scale_m
-        missed += 0.5 * target.weight * target.scale_m**2 * np.log1p(far**2)
-    return fit.likelihood - missed
+        penalty += 0.5 * target.weight * target.scale_m**2 * np.log1p(far**2)
+    return fit.likelihood - penalty

@@ -1,7 +1,8 @@
-"""One least-squares step over all bones of an articulated body.
+"""Make one least-squares step over all bones of an articulated body.
 
-A child's evidence corrects its parents: Gauss-Newton on local twists, with analytic derivatives
-(Bregler and Malik 1998). The unknowns are the root's translation and a twist of each bone.
+The step is that of Gauss and Newton on local twists, with analytic derivatives (Bregler and Malik
+1998). All bones are solved at once, so that the evidence of a child corrects its parents. The
+unknowns are the root's translation and a twist of each bone.
 """
 
 from typing import Any
@@ -22,6 +23,7 @@ from tasks.body.anatomy.bones import (
 from tasks.engine.kernels import njit
 
 UNKNOWNS = 3 + 3 * len(BONES)
+"""Unknowns of a pose [numbers]. They are a translation and a twist of each bone."""
 
 
 @njit(cache=True, nogil=True)
@@ -30,9 +32,9 @@ def _add_point(
 ) -> None:
     """Add a point that rides on bone k to the normal equations.
 
-    `weight` (3, 3) is the information about the point's place, `residual` (3,) what it should
-    move by. The unknowns are the root's translation, then a twist of each bone about its joint,
-    in world axes, that all bones below share.
+    `weight` (3, 3) is the information about the point's place, and `residual` (3,) the move that
+    the point should make. The unknowns are the root's translation, then a twist of each bone about
+    its joint, in world axes; all bones below share the twist.
     """
     force = _on(weight, residual)
     for a in range(3):
@@ -68,7 +70,7 @@ def _add_point(
 
 @njit(cache=True, nogil=True)
 def _add_turn(k: int, turn: Any, weight: float, normal: Any, right: Any) -> None:
-    """Add the wish that bone k turns by a vector about its joint, all directions alike."""
+    """Add the wish that bone k turns by a vector about its joint, with one weight for all axes."""
     for a in range(3):
         right[3 + 3 * k + a] += weight * turn[a]
         normal[3 + 3 * k + a, 3 + 3 * k + a] += weight
@@ -76,7 +78,10 @@ def _add_turn(k: int, turn: Any, weight: float, normal: Any, right: Any) -> None
 
 @njit(cache=True, nogil=True)
 def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: Any) -> None:
-    """Add a limit (weight, direction of the bone, axis, most): most >= axis . turned bone."""
+    """Add the limit that a turned direction of bone k goes along an axis by at most a share.
+
+    `limit` is the weight, the direction (3,), the axis (3,) and the share.
+    """
     excess = -limit[7]
     along = _on(turned, limit[1:4])
     for a in range(3):
@@ -92,11 +97,12 @@ def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: 
 
 @njit(cache=True, nogil=True)
 def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: Any, right: Any):
-    """Add what is known of every bone before a frame is seen.
+    """Add what is known of every bone before a frame is looked at.
 
-    rotation : (bone, 3, 3) the pose now; ahead : (bone, 3, 3) the pose foreseen
+    rotation : (bone, 3, 3) of the pose now
+    ahead : (bone, 3, 3) of the pose that is foreseen
     stiffness : (bone, 2) information per rad**2 of the foreseen and of the initial local turn
-    limits : (limit, 9) bone, then what `_add_limit` takes, in axes of the initial pose
+    limits : (limit, 9) the bone, then what `_add_limit` takes, in axes of the initial pose
     """
     for k in ORDER:
         here = _local(rotation, k)
@@ -113,7 +119,8 @@ def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: A
 def add_points(bone: Any, points: Any, weights: Any, residuals: Any, joints: Any, system: Any):
     """Add points on bones to the normal equations `system` (unknown, unknown + 1).
 
-    points, residuals : (point, 3); weights : (point, 3, 3) information, not added where zero
+    points, residuals : (point, 3)
+    weights : (point, 3, 3) information; a point without any is left out
     """
     normal, right = system[:, :-1], system[:, -1]
     for p in range(len(bone)):
@@ -123,11 +130,12 @@ def add_points(bone: Any, points: Any, weights: Any, residuals: Any, joints: Any
 
 @njit(cache=True, nogil=True)
 def solve(system: Any, step: Any) -> None:
-    """Write the solution of the normal equations `system` (unknown, unknown + 1), which change.
+    """Write the solution of the normal equations `system` (unknown, unknown + 1); change them.
 
-    A bone's unknowns meet those of the bones that it hangs on only, and these come before them but
-    for the head's, which meets the same: eliminated from the last to the first, no zero is filled
-    (George and Liu 1981), and most of the matrix is never looked at.
+    The unknowns of a bone share equations only with those of the bones that it hangs on. These come
+    before it, but for the head, which stands before the body and shares equations with it alone. So
+    when unknowns are eliminated from the last to the first, no zero is filled (George and Liu 1981)
+    and most of the matrix is never looked at.
     """
     count = system.shape[0]
     for k in range(count - 1, -1, -1):

@@ -1,47 +1,59 @@
-"""Samples of a take's voxels with their colors, and what colors say of bones."""
+"""Draw samples of a take's voxels with their colors, and learn which bones the colors are on."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import NO_CAMERA
 from tasks.body.anatomy.bones import BONES
 from tasks.body.anatomy.colors import COLORS, color_cells, learn_likeness
-from tasks.body.anatomy.skin import NO_CAMERA
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import VoxelRuns, voxel_index
 
 Surfaces = Callable[[int], tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]]
-"""Gives for a frame which voxels (voxel,) are on the surface, and the color (surface voxel, 3) and
-camera (surface voxel,) of these."""
+"""Gives of a frame which voxels (voxel,) are on the surface, and the colors (surface voxel, 3) and
+cameras (surface voxel,) of the voxels there."""
 
 Drawn = tuple[NDArray[np.int16], NDArray[np.int32]]
-"""Voxels (voxel, 3) by their index, and the cell (voxel,) of the color of each, -1: not known."""
+"""Voxels (voxel, 3) by their index, and the cell (voxel,) of each one's color, -1 if not known."""
 
-# right and left wear the same, and light that falls from one side is no mark of it
 _PAIRED = np.array([0, 1, 2, 3, 4, 3, 4, 7, 8, 7, 8, 11, 11, 13, 13, -1])
+"""(bone + 1,) the bone that shares its colors with each bone [bone]. A left bone shares them with
+the right one, for both sides wear the same and light from one side is no mark of it; -1 is none."""
+
+_SPREAD = (
+    (np.uint64(32), np.uint64(0x001F00000000FFFF)),
+    (np.uint64(16), np.uint64(0x001F0000FF0000FF)),
+    (np.uint64(8), np.uint64(0x100F00F00F00F00F)),
+    (np.uint64(4), np.uint64(0x10C30C30C30C30C3)),
+    (np.uint64(2), np.uint64(0x1249249249249249)),
+)
+"""Shifts and masks that put two empty bits after each of 21 bits, step by step [bits]. They follow
+from the definition of the Z-order curve."""
 
 
 def learn_looks(
     bone: NDArray[np.integer], surfaces: Surfaces | None, frame: int, most: float
 ) -> NDArray[np.float32]:
-    """Return how much likelier colors are on bones than anywhere.
+    """Return how many times likelier each color is on each bone than anywhere.
 
     Parameters
     ----------
     bone : (voxel,) int
-        Of each voxel of a frame, -1 for none.
+        The bone of each voxel of a frame, -1 for none.
     surfaces
-        The colored surfaces of the take, or None.
+        The colored surfaces of the take. Without them, no color says anything.
     frame
-        Which frame that is.
+        The number of the frame.
     most
-        Ratios are between 1 / most and most.
+        All ratios are between 1 / most and most.
 
     Returns
     -------
     (cell + 1, bone + 1) float32
-        The last cell is for voxels without a color, the last bone for what is not the body's: 1.
+        1 in the last row, of voxels without a color, and in the last column, of voxels that are on
+        no bone.
     """
     looks = np.ones((COLORS + 1, len(BONES) + 1), np.float32)
     if surfaces is not None:
@@ -54,16 +66,19 @@ def learn_looks(
 
 
 def draw_samples(hulls: Sequence[VoxelRuns], surfaces: Surfaces | None, most: int) -> list[Drawn]:
-    """Return an even sample of the voxels of every frame, along a curve that keeps near ones near.
+    """Return an even sample of the voxels of every frame.
+
+    The voxels follow a Z-order curve, so that voxels near in the sample are near in space.
 
     Parameters
     ----------
     hulls
-        Of a take, a single frame each; each is asked for once, so it may be made then.
+        The hulls of a take, a single frame each. Each is asked for once, so that it may be made
+        when it is asked for.
     surfaces
-        Their colored surfaces; without them no color is known.
+        The colored surfaces of the take. Without them, no color is known.
     most
-        About so many voxels a frame.
+        How many voxels a frame is thinned to, about.
     """
 
     def draw(frame: int) -> Drawn:
@@ -87,10 +102,7 @@ def _along_curve(index: NDArray[np.integer]) -> NDArray[np.uint64]:
     """Return (voxel,) how far along the Z-order curve (Morton 1966) voxels (voxel, 3) are."""
     far = np.zeros(len(index), np.uint64)
     for axis, bits in enumerate(index.T.astype(np.uint64)):
-        for shift, mask in (
-            (32, 0x001F00000000FFFF), (16, 0x001F0000FF0000FF), (8, 0x100F00F00F00F00F),
-            (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249),
-        ):  # fmt: skip
-            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+        for shift, mask in _SPREAD:
+            bits = (bits | (bits << shift)) & mask
         far |= bits << np.uint64(axis)
     return far

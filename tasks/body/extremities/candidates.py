@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.skin import NO_CAMERA, SkinModel, SurfaceFrame
+from storage.schema import NO_CAMERA
+from tasks.body.anatomy.skin import SkinModel, SurfaceFrame
 from tasks.body.extremities.cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
 from tasks.engine.kernels import njit
 

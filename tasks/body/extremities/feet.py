@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import NO_CAMERA
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
-from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame, separability
+from tasks.body.anatomy.skin import SurfaceFrame, separability
 from tasks.body.extremities.candidates import find_lumps
 from tasks.body.extremities.cells import gather_cells
 from tasks.body.extremities.paths import Motion, best_paths

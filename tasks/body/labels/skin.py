@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.skin import LEAST_RATIO, NO_CAMERA
+from storage.schema import NO_CAMERA
+from tasks.body.anatomy.skin import LEAST_RATIO
 from tasks.body.labels.regions import first_of
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z

@@ -1,9 +1,9 @@
-"""Find hands where voxels stick out that no limb was fitted to.
+"""Find hands at ends of the hull that no limb was fitted to.
 
-Where a hand was seen may be something else of its color, or the other hand; an arm that was fitted
-there shares the voxels of the other one, and its own stick out unexplained. So arms are put, as a
-hypothesis, to ends of the hull that nothing was fitted to. What explains the frame so much better,
-for some frames on end, is where the hand is.
+What was seen as a hand may be something else of its color, or the other hand. An arm that was
+fitted there shares the voxels of the other arm, and its own voxels stick out unexplained. So arms
+are tried at ends of the hull that no blob is near to. Where this makes the voxels of some frames on
+end much likelier, the hand is there.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,14 @@ from tasks.body.poses.passes import Fitting, reach_best
 from tasks.engine.threads import side_by_side
 from tasks.geometry.runs import runs
 
-Places = dict[int, Floats]  # where a hand is instead, (3,) m, by frames
+_HANDS = (1, 2)
+"""The cues of the right and of the left hand [cue]. Cues are face, hands, feet, right before
+left."""
 
-_HANDS = (1, 2)  # their places among the cues
+_REACH = 1.1
+"""How far from its shoulder the end of an arm is looked for [lengths of the arm]. The shoulder of a
+fit may be some centimeters off; the 10 % were chosen by eye on the shared captures, not
+measured."""
 
 
 def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -> Fitting:
@@ -30,11 +35,11 @@ def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -
     Parameters
     ----------
     take
-        With what was seen of hands.
+        The take with the hands as they were seen.
     fits
-        Of its frames, made with that.
+        The fits of its frames that were made with these hands.
     ends
-        Of each frame, (place, 3), m, where a hand could be.
+        (place, 3) where a hand could be in each frame, m.
     """
     if take.cues is None or take.placed is None:
         return take
@@ -62,7 +67,7 @@ def look_for_hands(take: Fitting, fits: Sequence[Fit], ends: Sequence[Floats]) -
 def _elsewhere(
     take: Fitting, fit: Fit, frame: int, ends: Floats
 ) -> tuple[Floats | None, Floats | None]:
-    """Return where right and left hand are instead; None where nothing says so."""
+    """Return the free ends that right and left hand are at; None for a hand that stays."""
     assert take.placed is not None
     model, settings = take.model, take.settings
     best: list[tuple[float, Floats | None]] = [(settings.hand_missing, None)] * 2
@@ -77,7 +82,7 @@ def _elsewhere(
         upper = np.linalg.norm(model.origin[limb.lower] - model.origin[limb.upper])
         lower = np.linalg.norm(model.origin[limb.end] + offset - model.origin[limb.lower])
         away = np.linalg.norm(free - joints[limb.upper], axis=1)
-        for place in free[away < 1.1 * (upper + lower)]:
+        for place in free[away < _REACH * (upper + lower)]:
             other = reach_best(take, sample, fit.pose, limb, offset, place)
             gain = other.likelihood - fit.likelihood
             if gain > best[hand][0]:
@@ -89,7 +94,7 @@ def _elsewhere(
 
 
 def _free_ends(take: Fitting, fit: Fit, ends: Floats) -> Floats:
-    """Return the ends (place, 3) of a frame that no blob is near to."""
+    """Return (place, 3) the ends of a frame's hull that no blob is near to, m."""
     mean, _ = place_model(take.model, fit.pose)
     away = np.linalg.norm(ends[:, None] - mean, axis=2)
     return ends[away.min(axis=1, initial=np.inf) > take.settings.free_end * take.model.stature]

@@ -1,12 +1,12 @@
 """Fit the pose of the body to the voxels of every frame: the `joint` method.
 
 The paper fits segment after segment from the head outwards (digitization paper, 3.4.2) and
-writes that it lost a foot and an arm for good. Here all segments, what hangs from
-them, and a class for what is nobody's are fitted at once, by places and by colors; a limb that
-lost its voxels is looked for where its hand or foot was seen; the take is fitted forwards and
-backwards, and each limb is taken, frame by frame, from the fit that explains more; joints are
-moved to where the bones of all frames turn; at last every frame is fitted again, near what its
-neighbors say.
+writes that it lost a foot and an arm for good. Here all segments, the cloth that hangs from them,
+and a class for the voxels of nobody are fitted at once, by places and by colors. A limb that lost
+its voxels is looked for where its hand or foot was seen. The take is fitted forwards and backwards,
+and each limb is taken, frame by frame, from the fit that explains the frame better. Joints are
+moved to the centers that bones turn about in all frames. At last every frame is fitted again, near
+the poses of its neighbors.
 """
 
 import logging
@@ -27,21 +27,29 @@ from tasks.body.anatomy.bones import (
 )
 from tasks.body.anatomy.nearest_bones import bones_of_voxels
 from tasks.body.anatomy.proportions import complete_joints
-from tasks.body.blobs.fitting import (
-    Fit,
-)
+from tasks.body.blobs.fitting import Fit
 from tasks.body.blobs.model import FitModel, make_model, place_model
 from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
 from tasks.body.poses.hands import look_for_hands
-from tasks.body.poses.passes import Fitting, PoseSettings, follow, merge, settle, settle_centers
+from tasks.body.poses.passes import (
+    Fitting,
+    JointMethodSettings,
+    follow,
+    merge,
+    settle,
+    settle_centers,
+)
 from tasks.body.poses.sides import tell_sides
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 Floats = NDArray[np.float64]
 
+
 _logger = logging.getLogger(__name__)
 
 _RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
+"""The bone that carries each joint."""
+
 for _side in "RL":
     for _joint, _bone in (
         ("Shoulder", "UpperArm"), ("Elbow", "ForeArm"), ("Wrist", "Hand"), ("Fin", "Hand"),
@@ -60,7 +68,7 @@ class FittedPoses:
     none."""
 
     initial: Floats
-    """(21, 3) joints of the initial model, m, those that bones turn about where they do."""
+    """(21, 3) joints of the initial model, m, moved to the centers that bones turn about."""
 
     rotation: Floats
     """(time, 11, 3, 3) world rotation of each segment since the initial pose."""
@@ -69,16 +77,16 @@ class FittedPoses:
     """(time, 11, 3) the joint that each segment turns about, m."""
 
     quality: Floats
-    """(time, 11) share of a segment's voxels that support it, 0 to 1; 0 in an empty frame."""
+    """(time, 11) share of its initial voxels that a segment has, 0 to 1; 0 in an empty frame."""
 
     doubtful: NDArray[np.bool_]
-    """(time,) True where the pose is a guess: an empty frame, or a segment without support."""
+    """(time,) True where the pose is a guess: the frame is empty, or a segment lacks its voxels."""
 
     unsure_sides: NDArray[np.bool_]
-    """(time, 2) True where the hands, and the feet, could as well be the other way round."""
+    """(time, 2) True where right and left hand, or right and left foot, could be exchanged."""
 
     poses: tuple[Pose, ...]
-    """The poses of all bones, hands and feet among them."""
+    """The pose of all bones in each frame, hands and feet among them."""
 
     model: FitModel
     """The body that was fitted."""
@@ -96,38 +104,40 @@ def fit_poses(
     cues: Floats | None = None,
     cue_weights: Floats | None = None,
     hand_ends: Sequence[Floats] | None = None,
-    settings: PoseSettings | None = None,
+    settings: JointMethodSettings | None = None,
 ) -> FittedPoses:
     """Return the pose of the body in every frame of a take.
 
     Parameters
     ----------
     hulls, grid
-        Of the whole take, a single frame each; they may be made when they are asked for.
+        Hulls of the whole take, a single frame each; they may be made when they are asked for.
     rate_hz
         Frames a second.
     position : (21, 3) float64
         Joints of the initial model, m; NaN is allowed for wrists, ankles, heels and waist.
     label : (voxel,) uint8
-        Segment plus one of the initial frame's voxels, in order; 0 for none.
+        Segment plus one of each voxel of the initial frame, in order; 0 for none.
     initial_frame
         The frame of the initial model.
     surfaces
-        Gives for a frame which of its voxels (voxel,) are on the surface, and color (surface
-        voxel, 3) and camera (surface voxel,) of these. Without it, colors say nothing.
+        Gives of a frame which voxels (voxel,) are on the surface, and the colors (surface voxel, 3)
+        and cameras (surface voxel,) of the voxels there. Without it, no color says anything.
     cues : (time, 5, 3) float64
         Where face, right and left hand, right and left foot were seen, m; NaN where they were not.
     cue_weights : (time, 5) float64
         How sure that is, 0 to 1.
     hand_ends : sequence of (place, 3) float64
-        Of each frame, where else a hand could be, m.
+        Where else a hand could be in each frame, m.
+    settings
+        The numbers of the method.
 
     Raises
     ------
     ValueError
         If arrays do not fit the take, or a joint that is needed is missing.
     """
-    settings = settings or PoseSettings()
+    settings = settings or JointMethodSettings()
     joints = _check(hulls, rate_hz, position, label, initial_frame, cues, cue_weights)
     if hand_ends is not None and len(hand_ends) != len(hulls):
         raise ValueError(
@@ -167,7 +177,7 @@ def fit_poses(
 
 
 def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
-    """Return where the blobs of the fitted body are in a frame.
+    """Return the places and sizes of the fitted body's blobs in a frame.
 
     Returns
     -------
@@ -182,6 +192,10 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
 def _describe(
     take: Fitting, fits: Sequence[Fit], unsure: NDArray[np.bool_], placed: Floats, origin: Floats
 ) -> FittedPoses:
+    """Return the poses of a take's fits, with the joints of the archive.
+
+    `placed` (21, 3) and `origin` (bone, 3) are the joints before they were moved, m.
+    """
     model = take.model
     initial = placed.copy()
     for k, name in enumerate(PROXIMAL):

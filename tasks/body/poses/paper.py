@@ -1,16 +1,15 @@
 """Fit the body to provisional labels, from the head outwards (digitization paper, 3.4.2).
 
 A segment's ellipsoid, with radii of two standard deviations, is turned about the segment's joint
-until it holds as many as it can of the voxels with the segment's label; the head is moved, too.
+until it holds as many as it can of the voxels with the segment's label. The head is moved, too.
 Each parameter is searched within bounds around its value in the frame before. Parents come
-before children, and nothing learned of a child comes back to its parent: a limb whose parent is
-wrong is lost, here as in the paper. The method is kept for study.
+before children, and a child never corrects its parent: a limb whose parent is wrong is lost, here
+as in the paper. The method is kept for study.
 
-What the paper leaves open: its search is here a descent along one parameter at a time, with
+The paper leaves some things open. Here its search is a descent along one parameter at a time, with
 steps that are halved; angles are turns about the segment's own axes, X first; bounds are speeds.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,46 +19,48 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.segments import PARENTS, SEGMENT_COUNT, BodyShape, carry_joints
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, CountOrNone, Positive, check_ranges
 
-_RADII_SQUARED = 4.0  # of the ellipsoid, in variances: two standard deviations
+_RADII_SQUARED = 4.0
+"""Square of an ellipsoid's radius along an axis [variances]. The radius is two standard deviations
+(digitization paper, equations 3 and 4)."""
+
+_TURN_FOR_STATURE = 7
+"""The turn that is tried together with a move of the head by a stature [rad]. A step of 8 degrees
+then goes with one of 3 cm. Chosen by eye on the shared captures; not measured."""
 
 
 @dataclass(frozen=True)
-class PaperFitSettings:
-    """Everything that changes a fit.
+class PaperMethodSettings:
+    """Everything that changes a pose fitted by the `paper` method.
 
     Raises
     ------
     ValueError
-        If a number is not finite or not larger than 0.
+        If a number is out of its range.
     """
 
-    turn_speed: float = 12.6
-    """How fast a segment turns in its parent at most, radians a second about each axis: two
-    turns; a kicking shank comes near it."""
+    turn_speed: Positive = 12.6
+    """How fast a segment turns in its parent about each axis at most [rad/s]. It is two turns a
+    second; a kicking lower leg comes near it."""
 
-    head_speed: float = 2.0
-    """How fast the head moves at most, statures a second along each axis: a sprint is 5."""
+    head_speed: Positive = 2.0
+    """How fast the head moves along each axis at most [statures/s]. A sprint is 5."""
 
-    first_step: float = 0.14
-    """First step of a turn, radians: 8 degrees, about which a sleeve's length moves by itself.
-    The head's first step of a move is a share of the stature as large as a seventh of this."""
+    first_step: Positive = 0.14
+    """First step of a turn [rad]. It is 8 degrees, by about which a sleeve's ellipsoid turns by
+    itself. The head's first step of a move is a seventh of this, in statures."""
 
-    halvings: int = 3
-    """How often the steps are halved: to one degree and 4 mm, less than a voxel at a hand."""
+    halvings: CountOrNone = 3
+    """How often the steps are halved [halvings]. Three lead to one degree and 4 mm, less than a
+    voxel at a hand."""
 
-    rounds: int = 8
-    """How often all parameters are tried with one step at most."""
+    rounds: Count = 8
+    """How often all parameters are tried with one step at most [rounds]. Chosen by eye on the
+    shared captures; not measured."""
 
     def __post_init__(self) -> None:
-        for name in ("turn_speed", "head_speed", "first_step"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} {value} must be finite and larger than 0")
-        if self.halvings < 0 or self.rounds < 1:
-            raise ValueError(
-                f"halvings {self.halvings} and rounds {self.rounds} must be 0 and 1 or more"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +80,17 @@ class PoseTrack:
     """(time, 11) share of a segment's voxels inside its ellipsoid; 0 where it has no voxel."""
 
 
-def fit_frame(
+def fit_frame_as_paper(
     center: NDArray[np.floating],
     label: NDArray[np.integer],
     shape: BodyShape,
     previous: tuple[NDArray[np.floating], NDArray[np.floating]],
-    settings: PaperFitSettings,
+    settings: PaperMethodSettings,
     *,
     rate_hz: float,
     stature_m: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the pose of one frame.
+    """Return the pose of one frame, fitted from the head outwards to provisional labels.
 
     Parameters
     ----------
@@ -102,11 +103,11 @@ def fit_frame(
     previous : (11, 3) and (11, 3, 3) float
         Position and rotation of each segment in the world, in the frame before.
     settings
-        How the search goes.
+        Steps and bounds of the search.
     rate_hz
         Frames a second.
     stature_m
-        Of the performer.
+        The performer's height.
 
     Returns
     -------
@@ -129,7 +130,9 @@ def fit_frame(
     position, rotation = (np.array(part, np.float64) for part in previous)
     before = rotation.copy()
     quality = np.zeros(SEGMENT_COUNT)
-    steps = np.array([settings.first_step] * 3 + [settings.first_step / 7 * stature_m] * 3)
+    steps = np.array(
+        [settings.first_step] * 3 + [settings.first_step / _TURN_FOR_STATURE * stature_m] * 3
+    )
     bounds = np.array([settings.turn_speed] * 3 + [settings.head_speed * stature_m] * 3) / rate_hz
     tries = (settings.halvings, settings.rounds)
     for segment, parent in enumerate(PARENTS):
@@ -152,7 +155,7 @@ def join_poses(
     shape: BodyShape,
     frames: Sequence[tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]],
 ) -> PoseTrack:
-    """Return the track of a take from the poses of its frames, as `fit_frame` gives them.
+    """Return the track of a take from its frames' poses, as of `fit_frame_as_paper`.
 
     Raises
     ------
@@ -163,54 +166,6 @@ def join_poses(
         raise ValueError("no frame was fitted; fit one or more")
     position, rotation, quality = (np.stack(part) for part in zip(*frames, strict=True))
     return PoseTrack(carry_joints(shape.joint, position, rotation), position, rotation, quality)
-
-
-def fit_pose_paper(
-    centers: Sequence[NDArray[np.floating]],
-    labels: Sequence[NDArray[np.integer]],
-    shape: BodyShape,
-    first: tuple[NDArray[np.floating], NDArray[np.floating]],
-    settings: PaperFitSettings,
-    *,
-    rate_hz: float,
-    stature_m: float,
-) -> PoseTrack:
-    """Return the poses of consecutive frames whose provisional labels are known.
-
-    In the paper's chain the provisional labels of a frame follow from the final labels of the
-    frame before, and so from its pose: there, frames are fitted one by one with `fit_frame`.
-
-    Parameters
-    ----------
-    centers : sequence of (voxel, 3) float
-        Of each frame after the first pose's, metres.
-    labels : sequence of (voxel,) int
-        Their provisional labels.
-    first : (11, 3) and (11, 3, 3) float
-        The pose before, as `BodyModel` has it: the track's first frame, of quality 1.
-    shape, settings, rate_hz, stature_m
-        As `fit_frame`.
-
-    Raises
-    ------
-    ValueError
-        As `fit_frame`.
-    """
-    frames: list[tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]]
-    frames = [(np.array(first[0]), np.array(first[1]), np.ones(SEGMENT_COUNT))]
-    for center, label in zip(centers, labels, strict=True):
-        frames.append(
-            fit_frame(
-                center,
-                label,
-                shape,
-                frames[-1][:2],
-                settings,
-                rate_hz=rate_hz,
-                stature_m=stature_m,
-            )
-        )
-    return join_poses(shape, frames)
 
 
 @njit(cache=True, nogil=True)
@@ -229,7 +184,10 @@ def _turn(change: Any) -> Any:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _count_inside(voxels: Any, body: Any, change: Any) -> Any:
-    """Return how many voxels, from the joint, are in the ellipsoid; equations (3) and (4)."""
+    """Return how many voxels are inside the ellipsoid, by equations (3) and (4).
+
+    The places of the voxels begin at the segment's joint.
+    """
     rotation, centroid, scaled = body
     turned = rotation @ _turn(change)
     mean = turned @ centroid
@@ -250,7 +208,7 @@ def _count_inside(voxels: Any, body: Any, change: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _search(voxels: Any, body: Any, change: Any, limits: Any, tries: Any) -> Any:
-    """Change parameters, within bounds, while more voxels come inside; return how many are."""
+    """Change parameters within bounds while more voxels come inside; return how many are inside."""
     steps, bounds = limits
     halvings, rounds = tries
     best = _count_inside(voxels, body, change)

@@ -1,14 +1,16 @@
-"""Passes over a take: frames followed one after the other, and what each pass says made one.
+"""Fit the frames of a take in passes, and make one pose a frame of what the passes found.
 
-A limb that lost its voxels is looked for where its hand or foot was seen; each limb is taken,
-frame by frame, from the pass that explains more; and frames are fitted again near what their
-neighbors say.
+A pass follows the body from frame to frame and looks for a limb that lost its voxels where its hand
+or foot was seen. Two passes are merged: each limb is taken, frame by frame, from the pass that
+explains the frame better. At last every frame is fitted again near the poses of its neighbors.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONES, Floats, Pose, blend, extrapolate
@@ -18,147 +20,222 @@ from tasks.body.blobs.fitting import (
     FitSettings,
     Target,
     fit_frame,
-    miss,
+    penalized_likelihood,
     settle_joints,
-    worth,
+    target_distances,
 )
 from tasks.body.blobs.model import FitModel, middles
 from tasks.body.blobs.samples import Drawn
 from tasks.body.poses.limbs import LIMBS, Limb, choose_fits, reach_for
+from tasks.engine.settings import (
+    Count,
+    CountOrNone,
+    NotNegative,
+    Positive,
+    Share,
+    check_ranges,
+)
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
 _CUE_BONES = tuple(BONES.index(name) for name in ("Head", "RHand", "LHand", "RFoot", "LFoot"))
+"""The bones that cues tell of, in the order of the cues."""
+
+
+_STATURE_OF_PULLS_M = 1.7
+"""The stature that the pulls of the settings are for. They were chosen on dancers of about this
+size, and are scaled to that of the performer."""
+
+_RATE_OF_MOTION_HZ = 30.0
+"""The rate that `JointMethodSettings.keep_moving` is for. The shared captures have it."""
+
+_FRAMES_WITHOUT_SEARCH = 3
+"""How long lost limbs are not looked for after one was found elsewhere [frames]. The fit comes to
+rest meanwhile. Chosen by eye on the shared captures; not measured."""
+
+_LOST_STEPS = 4
+"""Turns of the fit that begins with a lost limb elsewhere [turns]. Chosen by eye on the shared
+captures; not measured."""
+
+_REACH_STEPS = 3
+"""Turns of the fit that begins with a limb's end at a given place [turns]. Chosen by eye on the
+shared captures; not measured."""
+
+_REFIT_STEPS = 3
+"""Turns of the fit that begins with a pose that is nearly right [turns]. Chosen by eye on the
+shared captures; not measured."""
+
+_REACH_WIDENING = 1.2
+"""Factor of the blobs' size at first, in a fit that begins with a limb elsewhere [factor]. Chosen
+by eye on the shared captures; not measured."""
 
 
 @dataclass(frozen=True)
-class PoseSettings:
-    """Everything that changes a fitted pose; lengths are in statures."""
+class JointMethodSettings:
+    """Everything that changes a pose fitted by the `joint` method.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
 
     fit: FitSettings = field(default_factory=FitSettings)
 
-    sample: int = 2000
-    """Voxels of a frame that are looked at: 3500 change the mean error by less than 1 mm on six
-    captures of seven, and take 30 % longer."""
+    sample: Count = 2000
+    """How many voxels of a frame are looked at, about [voxels]. 3500 change the mean error by less
+    than 1 mm on six captures of seven, and take 30 % longer."""
 
-    most_likeness: float = 5.0
-    """A color that was seen on one bone only speaks for it by at most this factor."""
+    most_likeness: Annotated[float, Ge(1)] = 5.0
+    """Factor by which a color that was seen on one bone only speaks for this bone at most [factor].
+    Chosen by eye on the shared captures; not measured."""
 
-    keep_moving: float = 0.7
-    """Share of the last motion of a joint that is expected to go on, at 30 frames a second."""
+    keep_moving: Share = 0.7
+    """How much of a joint's last motion is expected to go on, at 30 frames a second. Chosen by eye
+    on the shared captures; not measured."""
 
-    hand_pull: float = 60.0
-    """Information of a hand seen surely, per m**2 at a stature of 1.7 m."""
+    hand_pull: NotNegative = 60.0
+    """Information about the place of a hand that was surely seen, at a stature of 1.7 m [1/m²].
+    Chosen by eye on the shared captures; not measured."""
 
-    face_pull: float = 20.0
-    """The same of the face."""
+    face_pull: NotNegative = 20.0
+    """Information about the place of a face that was surely seen, at a stature of 1.7 m [1/m²].
+    Chosen by eye on the shared captures; not measured."""
 
-    foot_pull: float = 8.0
-    """The same of a foot: little, for voxels place a foot that they have better."""
+    foot_pull: NotNegative = 8.0
+    """Information about the place of a foot that was surely seen, at a stature of 1.7 m [1/m²]. It
+    is little, for voxels place a foot better where they show it. Chosen by eye on the shared
+    captures; not measured."""
 
-    pull_within: float = 0.15
-    """Distance from which the pull of a place seen weakens."""
+    pull_within: Positive = 0.15
+    """Distance from which a place where something was seen pulls less [statures]. Chosen by eye on
+    the shared captures; not measured."""
 
-    lost_support: float = 0.45
-    """A limb that holds a smaller share of its voxels is looked for."""
+    lost_support: Share = 0.45
+    """A limb of which a bone has less of its voxels is looked for elsewhere. Chosen by eye on the
+    shared captures; not measured."""
 
-    lost_distance: float = 0.09
-    """A hand so far from where it was seen is looked for."""
+    lost_distance: Positive = 0.09
+    """A limb whose end is farther from where it was seen is looked for there [statures]. Chosen by
+    eye on the shared captures; not measured."""
 
-    free_end: float = 0.1
-    """An end of the hull so far from all that was fitted is free: a hand may be there."""
+    free_end: Positive = 0.1
+    """An end of the hull that is farther from all blobs may be a hand [statures]. Chosen by eye on
+    the shared captures; not measured."""
 
-    hand_missing: float = 0.1
-    """A hand at a free end that explains the voxels of a frame better by so much, in the mean
-    logarithm of their likelihoods, is there: 0.13 to 0.24 more where an arm had gone astray, and
-    in single frames under a kimono."""
+    hand_missing: Positive = 0.1
+    """A hand is put to a free end where the voxels become so much likelier [mean logarithm of their
+    likelihoods]. It is 0.13 to 0.24 more where an arm had gone astray, and in single frames under a
+    kimono."""
 
-    hand_missing_s: float = 0.1
-    """For so long, at least."""
+    hand_missing_s: Positive = 0.1
+    """How long a hand must be at a free end at least. Chosen so that single frames under a kimono
+    do not count."""
 
-    side_apart: float = 0.09
-    """Hands, or feet, that are nearer may be one: a hand's length."""
+    side_apart: Positive = 0.09
+    """Hands, or feet, that are nearer to each other may be one [statures]. It is about the length
+    of a hand."""
 
-    side_least_s: float = 0.1
-    """For so long, at least, two are apart that are looked at whether they are exchanged."""
+    side_least_s: Positive = 0.1
+    """How long a pair is apart at least where it is asked whether its sides are exchanged. An
+    exchange that is over sooner is none."""
 
-    side_frames: int = 6
-    """In so many frames of each such time at least, and in one a second."""
+    side_frames: Count = 6
+    """In how many frames of such a time at least it is asked whether sides are exchanged [frames].
+    In a longer time it is one a second. Chosen by eye on the shared captures; not measured."""
 
-    side_margin: float = 0.01
-    """A pair may be exchanged where that explains the voxels worse by less than this, in the mean
-    logarithm of their likelihoods: by 0.016 or more where it was not, of eighteen captures."""
+    side_margin: NotNegative = 0.01
+    """A pair may be exchanged where the voxels become less likely by no more than this [mean
+    logarithm of their likelihoods]. In eighteen captures it was 0.016 or more where the pair was
+    not exchanged."""
 
-    swivels: int = 4
-    """Places of the elbow that are tried when an arm is looked for."""
+    swivels: Count = 4
+    """How many places of the middle joint are tried where a limb is looked for [places]. Chosen by
+    eye on the shared captures; not measured."""
 
-    change_step: float = 0.05
-    """A leap so long, in changing between the fits forwards and backwards, costs as much as a
-    frame in which a limb has no support."""
+    change_step: Positive = 0.05
+    """A leap of such a length between the fits forwards and backwards costs 1 [statures]. Chosen by
+    eye on the shared captures; not measured."""
 
-    unexplained: float = 0.03
-    """A fit that explains the voxels of a frame worse by so much, in the mean logarithm of their
-    likelihoods, costs 1."""
+    unexplained: Positive = 0.03
+    """A fit in which the voxels of a frame are so much less likely costs 1 [mean logarithm of their
+    likelihoods]. Chosen by eye on the shared captures; not measured."""
 
-    alike: float = 0.02
-    """Fits of a limb that are nearer than this to each other are taken for one."""
+    alike: NotNegative = 0.02
+    """Two fits of a limb that are nearer to each other are taken for one [statures]. Chosen by eye
+    on the shared captures; not measured."""
 
-    joint_rounds: int = 6
-    """How often joints and the poses that they are told by are found in turn."""
+    joint_rounds: CountOrNone = 6
+    """How often joints and the poses that tell them are found in turn [rounds]. Chosen by eye on
+    the shared captures; not measured."""
 
-    joint_frames: int = 40
-    """Frames that tell the joints, evenly from the take."""
+    joint_frames: Count = 40
+    """How many frames tell the joints, evenly from the take [frames]. Chosen by eye on the shared
+    captures; not measured."""
 
-    settle_rounds: int = 3
-    """How often all frames are fitted again, near their neighbors, with the joints found."""
+    settle_rounds: Count = 3
+    """How often all frames are fitted again near their neighbors, with the joints found [rounds].
+    Chosen by eye on the shared captures; not measured."""
 
-    smoothing: float = 0.5
-    """How much the two neighbors of a frame weigh together against the frame itself."""
+    smoothing: NotNegative = 0.5
+    """How much the two neighbors of a frame weigh together [times the frame itself]. Chosen by eye
+    on the shared captures; not measured."""
 
-    doubtful_support: float = 0.35
-    """A frame in which a limb has less support, in the median of its bones, is doubtful."""
+    doubtful_support: Share = 0.35
+    """A frame in which a segment has less of its voxels is doubtful. Chosen by eye on the shared
+    captures; not measured."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """What a take is fitted with: its frames' voxels, the body, where its ends were seen."""
+    """What a take is fitted with: its voxels, the body, and where extremities were seen."""
 
     grid: VoxelGrid
     rate_hz: float
     model: FitModel
-    settings: PoseSettings
+    settings: JointMethodSettings
     cues: Floats | None
+    """(time, 5, 3) where face, hands and feet were seen, m; NaN where they were not."""
+
     cue_weights: Floats | None
+    """(time, 5) how sure that is, 0 to 1."""
+
     placed: Floats | None
-    """(5, 3) of the cues in the initial frame, m."""
+    """(5, 3) the cues of the initial frame, m."""
 
     samples: list[Drawn]
+    """The voxels of each frame that are looked at."""
+
     looks: NDArray[np.float32]
+    """(cell, kind) how many times likelier a color is on a kind of blob than anywhere."""
 
     @property
     def frames(self) -> int:
-        """How many there are."""
+        """How many frames there are."""
         return len(self.samples)
 
     def part(self, first: int, last: int) -> "Fitting":
-        """Return the frames from `first` to before `last` as a take."""
+        """Return the frames from `first` to before `last` as a take of their own."""
         tables = {"cues": self.cues, "cue_weights": self.cue_weights}
         cut = {name: table[first:last] for name, table in tables.items() if table is not None}
         return replace(self, samples=self.samples[first:last], **cut)
 
     def sample(self, frame: int) -> Voxels:
-        """Return an even sample of a frame's voxels, with what their colors say."""
+        """Return an even sample of a frame's voxels, with what their colors say of bones."""
         index, cell = self.samples[frame]
         return gather_voxels(voxel_centers(self.grid, index), cell, self.looks)
 
     def targets(self, frame: int) -> list[Target]:
-        """Return where face and hands were seen."""
+        """Return where face, hands and feet were seen in a frame."""
         found: list[Target] = []
         if self.cues is None or self.placed is None:
             return found
         pulls = self.settings
         pull = (pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2)
-        scale = 1.7 / self.model.stature
+        scale = _STATURE_OF_PULLS_M / self.model.stature
         for i, k in enumerate(_CUE_BONES):
             offset = self.placed[i] - self.model.origin[k]
             place = self.cues[frame, i]
@@ -170,11 +247,11 @@ class Fitting:
 
 
 def follow(take: Fitting, frames: Sequence[int], start: Pose) -> list[Fit]:
-    """Return the fits of frames, each foreseen from the two before it."""
+    """Return the fits of consecutive frames; each pose is foreseen from the two before it."""
     settings = take.settings
-    share = settings.keep_moving ** (30.0 / take.rate_hz)
+    share = settings.keep_moving ** (_RATE_OF_MOTION_HZ / take.rate_hz)
     fits: list[Fit] = []
-    rested = 0
+    wait = 0
     for frame in frames:
         ahead = start if not fits else fits[-1].pose
         if len(fits) > 1:
@@ -184,23 +261,27 @@ def follow(take: Fitting, frames: Sequence[int], start: Pose) -> list[Fit]:
             fits.append(Fit(ahead, 0.0, np.zeros(len(BONES))))
             continue
         fit = fit_frame(take.model, sample, ahead, ahead, targets, settings=settings.fit)
-        rested -= 1
-        if rested <= 0:
+        wait -= 1
+        if wait <= 0:
             better = _find_again(take, fit, sample, targets)
-            rested = 0 if better is fit else 3
+            wait = 0 if better is fit else _FRAMES_WITHOUT_SEARCH
             fit = better
         fits.append(fit)
     return fits
 
 
 def _find_again(take: Fitting, fit: Fit, sample: Voxels, targets: Sequence[Target]) -> Fit:
-    """Return the fit, or a better one in which a lost limb is elsewhere."""
+    """Return the fit, or a better one in which a lost limb is where its end was seen."""
     settings, model = take.settings, take.model
+
+    def explained(each: Fit) -> float:
+        return penalized_likelihood(model, each, targets)
+
     for limb in LIMBS:
         target = next((t for t in targets if t.bone == limb.end), None)
         if target is None:
             continue
-        [away] = miss(model, fit.pose, [target])
+        [away] = target_distances(model, fit.pose, [target])
         held = fit.support[limb.bones].min()
         if away < settings.lost_distance * model.stature and held > settings.lost_support:
             continue
@@ -209,9 +290,10 @@ def _find_again(take: Fitting, fit: Fit, sample: Voxels, targets: Sequence[Targe
             fit.pose, model.origin, limb, target.offset, target.place, settings.swivels
         ):
             other = fit_frame(
-                model, sample, pose, pose, targets, settings=settings.fit, steps=4, widening=1.2
-            )
-            if worth(model, other, targets) > worth(model, best, targets):
+                model, sample, pose, pose, targets,
+                settings=settings.fit, steps=_LOST_STEPS, widening=_REACH_WIDENING,
+            )  # fmt: skip
+            if explained(other) > explained(best):
                 best = other
         fit = best
     return fit
@@ -220,21 +302,32 @@ def _find_again(take: Fitting, fit: Fit, sample: Voxels, targets: Sequence[Targe
 def reach_best(
     take: Fitting, sample: Voxels, pose: Pose, limb: Limb, offset: Floats, place: Floats
 ) -> Fit:
-    """Return the likeliest fit of a frame that begins with a limb's end at a place, m.
+    """Return the likeliest fit of a frame among those that begin with a limb's end at a place, m.
 
-    `offset` is the point of the end bone that comes there, as of `reach_for`.
+    `offset` is the point of the limb's last bone that comes there, as for `reach_for`.
     """
     model, settings = take.model, take.settings
     ways = reach_for(pose, model.origin, limb, offset, place, settings.swivels)
     fits = [
-        fit_frame(model, sample, way, way, settings=settings.fit, steps=3, widening=1.2)
+        fit_frame(
+            model,
+            sample,
+            way,
+            way,
+            settings=settings.fit,
+            steps=_REACH_STEPS,
+            widening=_REACH_WIDENING,
+        )
         for way in ways
     ]
     return max(fits, key=lambda fit: fit.likelihood)
 
 
 def merge(take: Fitting, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pose]:
-    """Return poses whose trunk, head and limbs are each from the fit that explains more."""
+    """Return poses whose trunk and limbs are each from the fit that explains the frame better.
+
+    The head goes with the trunk.
+    """
     model, settings = take.model, take.settings
     both = (first, again)
     limbs = [limb.bones for limb in LIMBS]
@@ -247,8 +340,11 @@ def merge(take: Fitting, first: Sequence[Fit], again: Sequence[Fit]) -> list[Pos
         return choose_fits(cost, [a[:, bones] for a in at], step)
 
     targets = [take.targets(t) for t in range(len(first))]
-    worths = [[worth(model, *each) for each in zip(fits, targets, strict=True)] for fits in both]
-    chosen = choose(trunk, np.array(worths))
+    whole = [
+        [penalized_likelihood(model, *each) for each in zip(fits, targets, strict=True)]
+        for fits in both
+    ]
+    chosen = choose(trunk, np.array(whole))
     merged = [both[chosen[t]][t].pose for t in range(len(first))]
     for bones in limbs:
         explained = _explain_limb(take, merged, both, bones, [a[:, bones] for a in at])
@@ -263,7 +359,7 @@ def _explain_limb(
 ) -> Floats:  # fmt: skip
     """Return (fit, time) how well poses explain their frames with a limb as either fit has it.
 
-    `at`: (time, bone, 3) where either has the limb's bones, m.
+    `at` is (time, bone, 3) where each of the fits has the limb's bones, m.
     """
     model = take.model
 
@@ -271,7 +367,8 @@ def _explain_limb(
         sample, targets, fit = take.sample(t), take.targets(t), take.settings.fit
         tried = [_with_limb(poses[t], fits[t].pose, bones) for fits in both]
         fits = [fit_frame(model, sample, p, p, settings=fit, steps=0, widening=1.0) for p in tried]
-        return worth(model, fits[0], targets), worth(model, fits[1], targets)
+        first, again = (penalized_likelihood(model, each, targets) for each in fits)
+        return first, again
 
     explained = np.zeros((2, len(poses)))
     apart = np.linalg.norm(at[0] - at[1], axis=2).max(axis=1)
@@ -282,14 +379,14 @@ def _explain_limb(
 
 
 def _with_limb(pose: Pose, other: Pose, bones: list[int]) -> Pose:
-    """Return a pose with the bones turned as in another."""
+    """Return a pose in which some bones are turned as in another pose."""
     rotation = pose.rotation.copy()
     rotation[bones] = other.rotation[bones]
     return Pose(pose.root, rotation)
 
 
 def settle(take: Fitting, poses: Sequence[Pose]) -> list[Fit]:
-    """Fit each frame once more, near what it and its neighbors say; in parallel."""
+    """Fit each frame once more, near the mean of its pose and its neighbors' poses."""
     last = len(poses) - 1
     weights = np.array([take.settings.smoothing / 2, 1.0, take.settings.smoothing / 2])
 
@@ -303,9 +400,9 @@ def settle(take: Fitting, poses: Sequence[Pose]) -> list[Fit]:
 
 
 def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
-    """Return the body with its joints where a take's frames have their centers of rotation.
+    """Return the body with its joints at the centers that bones turn about in a take.
 
-    Some frames say it: their poses and the joints are found in turn.
+    Some of the take's frames tell the joints: their poses and the joints are found in turn.
     """
     step = max(1, len(poses) // take.settings.joint_frames)
     frames = [t for t in range(0, len(poses), step) if len(take.samples[t][0])]
@@ -320,11 +417,12 @@ def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
 
 
 def _refit(take: Fitting, frame: int, pose: Pose) -> Fit:
-    """Return the fit of a frame near a pose that is nearly right; the pose where it is empty."""
+    """Return the fit of a frame near a pose that is nearly right; an empty frame keeps the pose."""
     sample = take.sample(frame)
     if not sample.count:
         return Fit(pose, 0.0, np.zeros(len(BONES)))
     targets, settings = take.targets(frame), take.settings.fit
     return fit_frame(
-        take.model, sample, pose, pose, targets, settings=settings, steps=3, widening=1.0
-    )
+        take.model, sample, pose, pose, targets,
+        settings=settings, steps=_REFIT_STEPS, widening=1.0,
+    )  # fmt: skip

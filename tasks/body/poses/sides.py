@@ -1,8 +1,9 @@
-"""Tell right from left again: hands or feet that met and parted, or were exchanged at first.
+"""Tell right limbs from left ones where hands or feet met and parted, or were exchanged at first.
 
-Where hands meet, what is seen of them does not tell which is which after; the arms do. So, in each
-stretch of frames in which a pair is apart, its limbs are put the other way round. If that explains
-the voxels about as well, the stretch is fitted so, and what explains it better stays.
+After two hands met, their colors do not tell which is which, but the arms do. So in each stretch of
+frames in which the two are apart, the limbs are tried the other way round in some frames. If this
+explains the voxels about as well, the whole stretch is fitted that way round, and the fit that
+explains it better stays.
 """
 
 from collections.abc import Sequence
@@ -19,26 +20,31 @@ from tasks.body.poses.passes import Fitting, follow, merge, reach_best, settle
 from tasks.engine.threads import side_by_side
 from tasks.geometry.runs import runs
 
-_PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))  # arms and legs, and the cues of their ends
+_PAIRS = ((LIMBS[:2], (1, 2)), (LIMBS[2:], (3, 4)))
+"""The arms and the legs, each with the two cues of their ends."""
+
+_LEAST_STRETCH = 2
+"""A stretch of fewer frames is left out, whatever the rate [frames]. A stretch is followed from
+frame to frame."""
 
 Limbs = tuple[Limb, ...]
 
 
 def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_]]:
-    """Return the fits with limbs exchanged where that explains the voxels better.
+    """Return the fits with right and left limbs exchanged where this explains the voxels better.
 
     Parameters
     ----------
     take
-        What was fitted.
+        The take that was fitted.
     fits
-        Of its frames.
+        The fits of its frames.
 
     Returns
     -------
     fits : list of Fit
     unsure : (time, 2) bool
-        Where the hands, and the feet, could as well be the other way round.
+        True where right and left hand, or right and left foot, could be exchanged.
     """
     kept, margin = list(fits), take.settings.side_margin
     unsure = np.zeros((len(kept), len(_PAIRS)), bool)
@@ -64,20 +70,21 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
 
 
 def _stretches(take: Fitting, ends: Floats) -> list[tuple[int, int]]:
-    """Return where a pair of ends (time, 2, 3) is apart: first frame, and the one after the last.
+    """Return the stretches in which a pair of ends (time, 2, 3) is apart.
 
-    Shorter ones than a few frames are left out: an exchange that is over soon is none.
+    A stretch is its first frame and the frame after its last one. Short stretches are left out, for
+    an exchange that is over soon is none.
     """
     apart = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     is_apart = apart > take.settings.side_apart * take.model.stature
-    least = max(2, round(take.settings.side_least_s * take.rate_hz))
+    least = max(_LEAST_STRETCH, round(take.settings.side_least_s * take.rate_hz))
     return [(first, end) for first, end in runs(is_apart) if end - first >= least]
 
 
 def _exchange(
     take: Fitting, fits: Sequence[Fit], limbs: Limbs, ends: Floats, frames: NDArray[np.integer]
 ) -> dict[int, Fit]:
-    """Return fits of frames whose limbs end where the other one of the pair did."""
+    """Return fits of frames in which each limb of a pair ends where the other one did."""
     model = take.model
     rest = middles(model, rest_pose(model.origin))
 
@@ -94,13 +101,13 @@ def _exchange(
 
 
 def _gain(fits: Sequence[Fit], others: dict[int, Fit]) -> float:
-    """Return how much better others explain their frames, in the mean."""
+    """Return how much likelier other fits make the voxels of their frames, in the mean."""
     gains = [other.likelihood - fits[t].likelihood for t, other in others.items()]
     return float(np.mean(gains)) if gains else -np.inf
 
 
 def _with_cues_exchanged(take: Fitting, pair: tuple[int, int]) -> Fitting:
-    """Return the take with what was seen of a pair exchanged."""
+    """Return the take with the cues of a pair exchanged."""
     changed = {}
     for name in ("cues", "cue_weights"):
         table = getattr(take, name)

@@ -9,9 +9,10 @@ from tasks.engine.kernels import njit
 from tasks.geometry.voxels import VoxelRuns
 
 WORD = 32
-"""Voxels along z in a word of bits."""
+"""How many voxels along z a word of bits holds [voxels]."""
 
 _FULL = 2**WORD - 1
+"""A word of which every bit is set."""
 
 
 def read_bits(

@@ -19,11 +19,50 @@ from tasks.reconstruction.boxes.bits import WORD
 from tasks.reconstruction.boxes.integral_images import count_pixels
 from tasks.reconstruction.boxes.lens_bounds import lens_table
 
-MOST_CAMERAS = 62  # the cameras that are undecided about a box are bits of one number
-_BOX = WORD  # voxels on a side of the boxes that carving starts with: none straddles words
-_LEAF = 4  # voxels on a side of the boxes whose voxels are tested one by one
+MOST_CAMERAS = 62
+"""How many cameras can carve at most [cameras]. Those that are undecided about a box are bits of
+one signed number of 64 bits."""
 
-_UNDECIDED, _UNSEEN, _INSIDE, _MISSED = 0, 1, 2, 3
+_BOX = WORD
+"""Side of the boxes that carving starts with [voxels]. None straddles two words."""
+
+_LEAF = 4
+"""Side of the boxes whose voxels are tested one by one [voxels]. It changes the speed only."""
+
+_STACK = 32
+"""How many boxes wait at most to be split [boxes]. Each of the three halvings of a box leaves seven
+more."""
+
+_FIRST_BOXES = 64
+"""For how many boxes there is room at first [boxes]. The room grows with them."""
+
+_UNDECIDED = 0
+"""A camera's vote on a box in which its votes on voxels may differ."""
+
+_UNSEEN = 1
+"""A camera's vote on a box that it does not see."""
+
+_INSIDE = 2
+"""A camera's vote on a box that it films inside its silhouette."""
+
+_OUTSIDE = 3
+"""A camera's vote on a box that it films outside its silhouette."""
+
+_NEAREST_M = 1e-6
+"""A box that comes nearer to the plane of a camera is not decided as a whole. Farther boxes divide
+by numbers that rounding does not change much."""
+
+_ROUNDING = 1e-9
+"""Bound of the rounding errors of a bound of an image [share]. Double precision is exact to 2e-16,
+and some tens of operations are made."""
+
+_ROUNDING_PX = 1e-6
+"""Bound of the rounding errors of a pixel's place. Double precision is exact to 1e-10
+of a million pixels."""
+
+_LARGEST_PX = 1e6
+"""A box whose image may be larger is not decided as a whole. No image is so large, and such a bound
+is that of a lens that bends too much."""
 
 Axes = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
@@ -115,7 +154,7 @@ def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) ->
     reach = abs(r20) * hx + abs(r21) * hy + abs(r22) * hz + rounding
     if d + reach <= 0:
         return _UNSEEN
-    if d - reach < 1e-6:
+    if d - reach < _NEAREST_M:
         return _UNDECIDED
     near = 1.0 / (d - reach)
     far = 1.0 / d
@@ -127,16 +166,16 @@ def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) ->
     db = (db + rounding * (1 + abs(b))) * near
     if edge < np.inf:
         nearest_a, nearest_b = max(abs(a) - da, 0.0), max(abs(b) - db, 0.0)
-        if nearest_a * nearest_a + nearest_b * nearest_b > edge * edge * (1 + 1e-9):
+        if nearest_a * nearest_a + nearest_b * nearest_b > edge * edge * (1 + _ROUNDING):
             return _UNSEEN
-        if (abs(a) + da) ** 2 + (abs(b) + db) ** 2 > edge * edge * (1 - 1e-9):
+        if (abs(a) + da) ** 2 + (abs(b) + db) ** 2 > edge * edge * (1 - _ROUNDING):
             return _UNDECIDED
         (a, b), (da, db) = _bend_box(lens, c, (a, b), (da, db), bend)
     u = lens[c, 3, 0] * a + lens[c, 3, 1] * b + lens[c, 3, 2]
     v = lens[c, 4, 0] * b + lens[c, 4, 1]
-    du = (lens[c, 3, 0] * da + abs(lens[c, 3, 1]) * db) * (1 + 1e-9) + 1e-6
-    dv = lens[c, 4, 0] * db * (1 + 1e-9) + 1e-6
-    if not (du < 1e6 and dv < 1e6):
+    du = (lens[c, 3, 0] * da + abs(lens[c, 3, 1]) * db) * (1 + _ROUNDING) + _ROUNDING_PX
+    dv = lens[c, 4, 0] * db * (1 + _ROUNDING) + _ROUNDING_PX
+    if not (du < _LARGEST_PX and dv < _LARGEST_PX):
         return _UNDECIDED
     left, right = np.floor(u - du + 0.5), np.floor(u + du + 0.5) + 1
     top, bottom = np.floor(v - dv + 0.5), np.floor(v + dv + 0.5) + 1
@@ -147,7 +186,7 @@ def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) ->
         return _UNDECIDED
     count = _count(counts, crops, c, (int(top), int(bottom)), (int(left), int(right)))
     if count == 0:
-        return _MISSED
+        return _OUTSIDE
     return _INSIDE if count == (right - left) * (bottom - top) else _UNDECIDED
 
 
@@ -212,7 +251,7 @@ def _decide(views: Any, axes: Any, rule: Any, box: Any) -> Any:
             continue
         box[4] ^= 1 << c
         box[5] += vote != _UNSEEN
-        box[6] += vote == _MISSED
+        box[6] += vote == _OUTSIDE
         if box[6] > rule[0]:
             return True
     return box[5] + open_votes < rule[1]
@@ -222,7 +261,7 @@ def _decide(views: Any, axes: Any, rule: Any, box: Any) -> Any:
 def _survey(views: Any, axes: Any, rule: Any) -> Any:
     """Return the boxes that carving starts with and that are not empty, (box, 7)."""
     xs, ys, zs = axes
-    boxes = np.empty((64, 7), np.int64)
+    boxes = np.empty((_FIRST_BOXES, 7), np.int64)
     box = np.empty(7, np.int64)
     found = 0
     for x in range(0, len(xs), _BOX):
@@ -243,7 +282,7 @@ def _survey(views: Any, axes: Any, rule: Any) -> Any:
 def _refine(views: Any, axes: Any, rule: Any, boxes: Any, begin: Any, words: Any) -> None:
     """Split the boxes until they are empty, full or leaves; set the bits of what is occupied."""
     shape = (len(axes[0]), len(axes[1]), len(axes[2]))
-    stack = np.empty((32, 7), np.int64)  # 7 more for each halving of a box
+    stack = np.empty((_STACK, 7), np.int64)
     parent = np.empty(7, np.int64)
     scratch = (np.empty((6, _LEAF**3)), np.empty((2, _LEAF**3), np.int64))
     for first in range(len(boxes)):

@@ -8,6 +8,26 @@ from numpy.typing import NDArray
 
 from tasks.geometry.projection import Projection, one_to_one_radius
 
+_ROUNDED = 32
+"""How many rounding errors a point's place before a camera has at most [machine epsilons]. Its
+three products and sums have fewer."""
+
+_ROUNDING = 1e-9
+"""Bound of the rounding errors of a bound [share]. Double precision is exact to 2e-16, and some
+tens of operations are made."""
+
+_NEAR_RADIUS = 3.0
+"""Radius up to which a lens is looked at in even steps, and in growing ones beyond [tangent of the
+angle from the axis]. It is 72 degrees; few lenses film more. It changes the speed only."""
+
+_STEPS = 2000
+"""In how many places a lens is looked at within that radius, and beyond it [places]. It changes the
+speed only, for the bounds hold with any number."""
+
+_PIECES = 512
+"""In how many pieces the second derivatives of a lens are bounded [pieces]. It changes
+the speed only, for the bound holds with any number."""
+
 
 def lens_table(projection: Projection, axes: tuple[Any, Any, Any]) -> NDArray[np.float64]:
     """Return (camera, 8, 4) everything that carving knows of a camera.
@@ -20,7 +40,7 @@ def lens_table(projection: Projection, axes: tuple[Any, Any, Any]) -> NDArray[np
     radius, edge, bend = _lens_bounds(projection)
     farthest = np.array([*(abs(axis).max() for axis in axes), 1.0])
     sums = abs(projection.camera_from_world) @ farthest
-    rounding = 32 * np.finfo(np.float64).eps * sums.max(axis=1)
+    rounding = _ROUNDED * np.finfo(np.float64).eps * sums.max(axis=1)
     inner, size = projection.intrinsics, projection.image_size
     table[:, :3] = projection.camera_from_world
     table[:, 3, :3], table[:, 3, 3] = inner[:, 0], size[:, 0]
@@ -54,10 +74,10 @@ def _lens_bounds(
         corner = np.array([(u, v) for u in (-0.5, size[0] - 0.5) for v in (-0.5, size[1] - 0.5)])
         b = (corner[:, 1] - inner[1, 2]) / inner[1, 1]
         a = (corner[:, 0] - inner[0, 2] - inner[0, 1] * b) / inner[0, 0]
-        farthest = np.hypot(a, b).max() * (1 + 1e-9)
-        near = min(3.0, radius[c])
+        farthest = np.hypot(a, b).max() * (1 + _ROUNDING)
+        near = min(_NEAR_RADIUS, radius[c])
         r = np.unique(
-            np.concatenate([np.linspace(0, near, 2000), np.geomspace(near, radius[c], 2000)])
+            np.concatenate([np.linspace(0, near, _STEPS), np.geomspace(near, radius[c], _STEPS)])
         )
         s = r * r
         above, below = _polynomial(k[[0, 1, 4]], s), _polynomial(k[[5, 6, 7]], s)
@@ -75,7 +95,7 @@ def _polynomial(k: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.fl
 
 def _bend(k: NDArray[np.float64], radius: float) -> float:
     """Return a bound of the second derivatives of bending within a radius, or infinity."""
-    steps = np.linspace(0, radius**2, 513)
+    steps = np.linspace(0, radius**2, _PIECES + 1)
     s, half, end = (steps[1:] + steps[:-1]) / 2, steps[1] / 2, steps[1:]
     values = []
     for j in ([0, 1, 4], [5, 6, 7]):
@@ -92,4 +112,4 @@ def _bend(k: NDArray[np.float64], radius: float) -> float:
     f2 = (above2 + 2 * f1 * below1 + f * below2) / least
     r = np.sqrt(end)
     bound = 6 * r * f1 + 4 * r**3 * f2
-    return float(bound.max() + 6 * (abs(k[2]) + abs(k[3]))) * (1 + 1e-9)
+    return float(bound.max() + 6 * (abs(k[2]) + abs(k[3]))) * (1 + _ROUNDING)

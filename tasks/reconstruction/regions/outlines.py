@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tasks.engine.kernels import njit
 
 _LOW = 2**32 - 1
+"""Mask of the lower 32 bits of a number that holds two sums."""
 
 
 def draw_outline(

@@ -13,10 +13,32 @@ from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
 
-_RADIUS = np.sqrt(0.75)  # of a voxel, to its corner
-_REACH = np.sqrt(2.75) + 1e-2  # from a voxel's center all through a neighbor; and rounding
-_SAVED = _REACH - _RADIUS - 1e-2
-_NEAREST = 2.0  # voxels: with less of a hull before a camera, its directions are not told apart
+_RADIUS = np.sqrt(0.75)
+"""From a voxel's center to its corner [voxels]."""
+
+_ROUNDING = 1e-2
+"""Bound of the rounding errors of depths in single precision [voxels]. At a depth of 10,000 voxels
+these are 0.001."""
+
+_REACH = np.sqrt(2.75) + _ROUNDING
+"""From a voxel's center to the farthest corner of a neighbor [voxels]. With rounding."""
+
+_SAVED = _REACH - _RADIUS - _ROUNDING
+"""How much later a line may be clear where neighbors of the surface do not matter [voxels]."""
+
+_NEAREST = 2.0
+"""How far before a camera a hull must be, for its directions to be told apart [voxels]. Chosen by
+eye; not measured."""
+
+_COARSER = 1.001
+"""How much larger a cell is than a voxel's image at most [factor]. The 0.1 % are for rounding."""
+
+_MARGIN = 2.0
+"""How many cells are added on each side [cells]. The eight cells around each one are looked at, and
+rounding takes less than another."""
+
+_NOT_ZERO = 1e-9
+"""What divides at least, where a divisor may be 0 [number]."""
 
 
 def clear_shares(
@@ -70,7 +92,7 @@ def _look_at(camera: Any, shape: Any) -> Any:
     """
     axes = np.zeros((3, 3))
     axes[2] = (shape - 1.0) / 2.0 - camera
-    axes[2] /= max(np.sqrt((axes[2] ** 2).sum()), 1e-9)
+    axes[2] /= max(np.sqrt((axes[2] ** 2).sum()), _NOT_ZERO)
     axes[0, np.argmin(np.abs(axes[2]))] = 1.0
     axes[0] = np.cross(axes[2], axes[0])
     axes[0] /= np.sqrt((axes[0] ** 2).sum())
@@ -88,8 +110,8 @@ def _look_at(camera: Any, shape: Any) -> Any:
     if nearest < _NEAREST:
         return axes, (0.0, 0.0, 0.0, 0, 0), deepest
     wide = max(-low.min(), high.max())  # the slope at which a voxel covers most
-    fine = (nearest - _RADIUS) / (1.001 * _RADIUS * np.sqrt(1.0 + wide**2))
-    first, last = low * fine - 2.0, high * fine + 2.0
+    fine = (nearest - _RADIUS) / (_COARSER * _RADIUS * np.sqrt(1.0 + wide**2))
+    first, last = low * fine - _MARGIN, high * fine + _MARGIN
     cells = (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
     return axes, cells, deepest
 

@@ -20,13 +20,28 @@ from tasks.engine.kernels import njit
 from tasks.reconstruction.sight.clear_lines import clear_shares
 
 REACH = 2
-"""Voxels around a voxel that its normal is taken from."""
+"""How far around a voxel its normal is taken from [voxels]. Chosen by eye on the shared captures;
+not measured."""
 
-_NEAR, _FREE, _OUTSIDE, _INSIDE = range(4)
-"""Where a line to a camera begins: so near to its own voxel that it may pass through it, or in what
-is empty beyond it; outside the crop, so that nothing blocks it; in another voxel, which does."""
+_NEAR = 0
+"""A line to a camera begins so near to its own voxel that it may pass through it."""
 
-_CORNER = 0.76  # voxels, squared, from a voxel's center to beyond its corner
+_FREE = 1
+"""A line to a camera begins in what is empty beyond its own voxel."""
+
+_OUTSIDE = 2
+"""A line to a camera begins outside the crop, so that nothing blocks it."""
+
+_INSIDE = 3
+"""A line to a camera begins in another voxel, which blocks it."""
+
+_CORNER = 0.76
+"""Square of the distance from a voxel's center to beyond its corner [voxels²]. The corner is at
+0.75."""
+
+_ROUNDING = 1e-9
+"""By how much a walk ends before the border of the crop [share of the line]. Rounding then never
+walks out of it."""
 
 
 def hide_pixels(
@@ -211,9 +226,7 @@ def _blocked(grid: Any, start: Any, way: Any, own: Any, share: Any) -> Any:
     step_y, far_y, ty, end_y = _steps(y, dy, j, ny)
     step_z, far_z, tz, end_z = _steps(z, dz, k, nz)
     step_x, step_y = step_x * ny * nz, step_y * nz
-    end = min(min(end_x, end_y), min(end_z, 1.0)) * (
-        1 - 1e-9
-    )  # rounding never walks out of the grid
+    end = min(min(end_x, end_y), min(end_z, 1.0)) * (1 - _ROUNDING)
     end = min(end, np.float64(share))
     while not occupied[at] or at == own:
         if tx < ty and tx < tz:

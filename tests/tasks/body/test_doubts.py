@@ -1,6 +1,7 @@
 """In which frames a pose is doubtful that its method is content with."""
 
 import numpy as np
+import pytest
 
 from tasks.body.doubts import DoubtSettings, find_doubts
 from tests.figures.box_frames import Frames
@@ -55,3 +56,9 @@ def test_a_hand_that_was_hidden_for_long_is_a_guess():
     found = doubts(frames, np.zeros(40, bool), blobs, hands)
     assert np.flatnonzero(found["hidden"]).tolist() == [*range(5, 14), *range(30, 40)]
     assert (found["doubtful"] == found["hidden"]).all()
+
+
+def test_settings_out_of_their_ranges_are_all_named():
+    message = r"far is 0\.0, .* larger than 0; unexplained is 3\.0, .* at most 1"
+    with pytest.raises(ValueError, match=message):
+        DoubtSettings(far=0.0, unexplained=3.0)

@@ -31,7 +31,7 @@ def test_the_share_is_that_of_voxels_beyond_every_blob(rng, blobs):
 
 
 def test_nobody_leaves_nothing_unexplained(blobs):
-    assert unexplained_share(np.zeros((0, 3)), *blobs) == 0.0
+    assert unexplained_share(np.zeros((0, 3)), *blobs, beyond=4.0) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from storage.schema import NO_CAMERA
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, count_voxels, decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
-from tasks.reconstruction.coloring import NO_CAMERA, ColoringSettings, color_surface
+from tasks.reconstruction.coloring import ColoringSettings, color_surface
 
 DATA = Path(os.environ.get("SHOSA_DATA", "../shared/data")) / "dancer8"
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from storage.schema import NO_CAMERA
 from tasks.geometry.projection import (
     Projection,
     camera_centers,
@@ -9,7 +10,7 @@ from tasks.geometry.projection import (
 )
 from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
-from tasks.reconstruction.coloring import NO_CAMERA, ColoringSettings, color_surface
+from tasks.reconstruction.coloring import ColoringSettings, color_surface
 from tests.twins import voxels as naive
 
 SHAPE = (13, 15, 11)
@@ -261,5 +262,5 @@ def test_what_does_not_fit_together_is_refused_with_every_fault(rng):
             many,
             ColoringSettings(),
         )
-    with pytest.raises(ValueError, match="lift_voxels nan must be a finite number"):
+    with pytest.raises(ValueError, match="lift_voxels is nan, it must be a number 0 or more"):
         ColoringSettings(float("nan"))

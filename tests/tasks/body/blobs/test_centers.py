@@ -5,6 +5,7 @@ import pytest
 
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
+from tasks.body.blobs import least_squares
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 
 HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
@@ -117,10 +118,10 @@ def test_slopes_are_what_differences_give(rng, body):
             np.testing.assert_allclose(
                 centers[:, :, 3 * j + axis], (mean - frame.mean) / step, atol=1e-5
             )
-            twist = np.zeros(articulated.UNKNOWNS)
+            twist = np.zeros(least_squares.UNKNOWNS)
             twist[3 + 3 * j + axis] = step
             turned = np.empty_like(pose.rotation)
-            articulated.move(twist, pose.rotation, turned)
+            least_squares.move(twist, pose.rotation, turned)
             mean = place(Pose(pose.root, turned), origin, bone, rest)[1]
             np.testing.assert_allclose(
                 poses[:, :, 3 + 3 * j + axis], (mean - frame.mean) / step, atol=1e-5
@@ -128,3 +129,8 @@ def test_slopes_are_what_differences_give(rng, body):
     for held in HELD:
         assert not centers[:, :, 3 * held : 3 * held + 3].any()
     assert PARENT[4] == 3
+
+
+def test_distances_that_are_usual_are_positive():
+    with pytest.raises(ValueError, match=r"uneven is 0\.0, it must be a number larger than 0"):
+        CenterSettings(uneven=0.0)

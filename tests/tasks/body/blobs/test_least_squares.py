@@ -5,7 +5,7 @@ import pytest
 
 from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
-from tasks.body.blobs import blobs
+from tasks.body.blobs import blobs, least_squares
 from tasks.body.poses import limbs as limb_search
 
 B = BONES.index
@@ -38,16 +38,16 @@ def test_the_derivative_of_a_point_is_what_a_small_move_does(rng, origin, pose):
 
     joints = articulated.place_bones(pose, origin)
     points = articulated.carry(pose, joints, bone, offset)
-    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    system = np.zeros((least_squares.UNKNOWNS, least_squares.UNKNOWNS + 1))
     weights = np.tile(np.eye(3), (3, 1, 1))
-    articulated.add_points(bone, points, weights, goal - points, joints, system)
-    for unknown in range(articulated.UNKNOWNS):
-        step = np.zeros(articulated.UNKNOWNS)
+    least_squares.add_points(bone, points, weights, goal - points, joints, system)
+    for unknown in range(least_squares.UNKNOWNS):
+        step = np.zeros(least_squares.UNKNOWNS)
         values = []
         for size in (1e-6, -1e-6):
             step[unknown] = size
             turned = np.empty_like(pose.rotation)
-            articulated.move(step, pose.rotation, turned)
+            least_squares.move(step, pose.rotation, turned)
             values.append(half_squared(Pose(pose.root + step[:3], turned)))
         slope = (values[0] - values[1]) / 2e-6
         assert system[unknown, -1] == pytest.approx(-slope, abs=1e-6)
@@ -61,9 +61,9 @@ def test_the_normal_matrix_is_the_jacobian_times_itself(rng, origin, pose):
     point = articulated.carry(pose, joints, bone, offset)
     root = rng.normal(size=(3, 3))
     weight = root @ root.T
-    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
-    articulated.add_points(bone, point, weight[None], np.zeros((1, 3)), joints, system)
-    jacobian = np.zeros((3, articulated.UNKNOWNS))
+    system = np.zeros((least_squares.UNKNOWNS, least_squares.UNKNOWNS + 1))
+    least_squares.add_points(bone, point, weight[None], np.zeros((1, 3)), joints, system)
+    jacobian = np.zeros((3, least_squares.UNKNOWNS))
     jacobian[:, :3] = np.eye(3)
     k = int(bone[0])
     while k >= 0:
@@ -78,18 +78,18 @@ def test_a_step_along_the_tree_is_that_of_the_whole_matrix(rng, origin, pose):
     joints = articulated.place_bones(pose, origin)
     points = articulated.carry(pose, joints, bone, rng.normal(size=(40, 3)))
     root = rng.normal(size=(40, 3, 3))
-    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
-    articulated.add_points(
+    system = np.zeros((least_squares.UNKNOWNS, least_squares.UNKNOWNS + 1))
+    least_squares.add_points(
         bone, points, root @ root.swapaxes(1, 2), rng.normal(size=(40, 3)), joints, system
     )
     normal, right = system[:, :-1], system[:, -1]
-    articulated.add_priors(
+    least_squares.add_priors(
         pose.rotation, pose.rotation, np.full((len(BONES), 2), 0.3), np.zeros((0, 9)), normal, right
     )
     normal[range(3), range(3)] += 0.3
     expected = np.linalg.solve(normal.copy(), right.copy())
-    step = np.empty(articulated.UNKNOWNS)
-    articulated.solve(system, step)
+    step = np.empty(least_squares.UNKNOWNS)
+    least_squares.solve(system, step)
     np.testing.assert_allclose(step, expected, rtol=1e-7, atol=1e-9)
 
 
@@ -117,13 +117,13 @@ def test_a_knee_beyond_its_limit_is_pushed_back(origin):
     k = B("RLowerLeg")
     rotation[k] = articulated.rotation_of(np.array([-0.6, 0.0, 0.0]))  # shin forwards (+z)
     limits = np.array([[k, 1, 0, -1, 0, 0, 0, 1, 0.1]], float)
-    system = np.zeros((articulated.UNKNOWNS, articulated.UNKNOWNS + 1))
+    system = np.zeros((least_squares.UNKNOWNS, least_squares.UNKNOWNS + 1))
     nothing = np.zeros((15, 2))
-    articulated.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
+    least_squares.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
     assert system[3 + 3 * k, -1] > 0.1
     rotation[k] = rotation[k].T
     system[:] = 0
-    articulated.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
+    least_squares.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
     assert not system.any()
 
 

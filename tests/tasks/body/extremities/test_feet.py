@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tasks.body.anatomy.skin import NO_CAMERA, SurfaceFrame
+from storage.schema import NO_CAMERA
+from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.extremities.feet import (
     FootSettings,
     _find_low,

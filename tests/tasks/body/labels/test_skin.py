@@ -4,7 +4,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from tasks.body.anatomy.skin import NO_CAMERA
+from storage.schema import NO_CAMERA
 from tasks.body.labels import skin as skin_labeling
 from tasks.geometry.voxel_lines import lines_of_index
 

@@ -10,7 +10,7 @@ from tasks.body.blobs.fitting import fit_frame
 from tasks.body.blobs.samples import draw_samples
 from tasks.body.poses.hands import look_for_hands
 from tasks.body.poses.limbs import LIMBS, reach_for
-from tasks.body.poses.passes import Fitting, PoseSettings
+from tasks.body.poses.passes import Fitting, JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 
@@ -33,7 +33,7 @@ def strayed():
     samples = draw_samples([take_frame(runs, t) for t in range(FRAMES)], None, 2000)
     looks = np.ones((1, len(BONES) + 1), np.float32)
     weights = np.full((FRAMES, 5), 0.5)
-    take = Fitting(GRID, RATE, model, PoseSettings(), cues, weights, cues[0], samples, looks)
+    take = Fitting(GRID, RATE, model, JointMethodSettings(), cues, weights, cues[0], samples, looks)
     rest = rest_pose(model.origin)
     astray = reach_for(rest, model.origin, LIMBS[0], OFF, left - [0.3, 0.0, 0.0], 1)[0]
     fits = [

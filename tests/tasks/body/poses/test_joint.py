@@ -8,9 +8,17 @@ from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
 from tasks.body.anatomy.nearest_bones import bones_of_voxels
 from tasks.body.blobs import blobs
-from tasks.body.blobs.fitting import FitSettings, Target, fit_frame, miss, weigh, worth
+from tasks.body.blobs.fitting import (
+    FitSettings,
+    Target,
+    fit_frame,
+    penalized_likelihood,
+    target_distances,
+    weigh,
+)
 from tasks.body.blobs.model import make_model
 from tasks.body.poses.joint import fit_poses, fitted_blobs
+from tasks.body.poses.passes import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 
@@ -58,9 +66,9 @@ def test_a_hand_goes_where_it_was_seen(waving):
     target = Target(hand, np.array([0.03, 0.0, 0.0]), place, 1e4, 0.2)
     fit = fit_frame(model, voxels, pose, pose, [target], settings=FitSettings())
     free = fit_frame(model, voxels, pose, pose, settings=FitSettings())
-    assert miss(model, fit.pose, [target])[0] < 0.01
-    assert miss(model, free.pose, [target])[0] > 0.04
-    assert worth(model, fit, [target]) > worth(model, free, [target])
+    assert target_distances(model, fit.pose, [target])[0] < 0.01
+    assert target_distances(model, free.pose, [target])[0] > 0.04
+    assert penalized_likelihood(model, fit, [target]) > penalized_likelihood(model, free, [target])
 
 
 @pytest.mark.compiled  # fifty turns of fitting
@@ -180,3 +188,11 @@ def test_arguments_that_do_not_fit_are_named(waving):
     missing[JOINTS.index("RKnee")] = np.nan
     with pytest.raises(ValueError, match="has no RKnee; place"):
         fit_poses(hulls_of(runs), GRID, 30.0, missing, label)
+
+
+def test_settings_out_of_their_ranges_are_all_named():
+    message = r"most_likeness is 0\.5, .* 1 or more; keep_moving is 1\.5, .*; swivels is 0, "
+    with pytest.raises(ValueError, match=message):
+        JointMethodSettings(most_likeness=0.5, keep_moving=1.5, swivels=0)
+    with pytest.raises(ValueError, match=r"steps is 0, .* 1 or more; nobody is 0\.0, .* than 0"):
+        FitSettings(steps=0, nobody=0.0)

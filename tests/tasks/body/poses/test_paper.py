@@ -9,7 +9,7 @@ from tasks.body.poses import paper as paper_fitting
 from tests.conftest import swaying_body
 
 RATE_HZ, STATURE_M = 30.0, 1.6
-SETTINGS = paper_fitting.PaperFitSettings()
+SETTINGS = paper_fitting.PaperMethodSettings()
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def body(rng):
 
 
 def fit(center, label, model, *, settings=SETTINGS, rate_hz=RATE_HZ):
-    return paper_fitting.fit_frame(
+    return paper_fitting.fit_frame_as_paper(
         center,
         label,
         model.shape,
@@ -74,7 +74,7 @@ def test_turns_are_about_x_then_y_then_z(rng):
 
 def test_quality_is_the_share_inside_by_equations_3_and_4(body):
     center, label, model = body
-    still = paper_fitting.PaperFitSettings(turn_speed=1e-9, head_speed=1e-9)
+    still = paper_fitting.PaperMethodSettings(turn_speed=1e-9, head_speed=1e-9)
     position, rotation, quality = fit(center, label, model, settings=still)
     np.testing.assert_allclose(position, model.position, atol=1e-9)
     mean, inverse = tree.place_ellipsoids(model.shape, position, rotation)
@@ -91,7 +91,7 @@ def test_a_fit_never_holds_fewer_voxels_than_it_began_with(body):
         center,
         label,
         model,
-        settings=paper_fitting.PaperFitSettings(turn_speed=1e-9, head_speed=1e-9),
+        settings=paper_fitting.PaperMethodSettings(turn_speed=1e-9, head_speed=1e-9),
     )
     *_, after = fit(center, label, model)
     assert after[0] >= before[0]
@@ -154,15 +154,15 @@ def test_a_segment_without_voxels_hangs_on_its_parent(body):
 
 def test_a_track_begins_with_the_first_pose_and_carries_the_joints(body):
     center, label, model = body
-    track = paper_fitting.fit_pose_paper(
-        [center, np.add(center, [0.01, 0, 0])],
-        [label, label],
-        model.shape,
-        (model.position, model.rotation),
-        SETTINGS,
-        rate_hz=RATE_HZ,
-        stature_m=STATURE_M,
-    )
+    frames = [(model.position, model.rotation, np.ones(11))]
+    for moved_center in (center, np.add(center, [0.01, 0, 0])):
+        frames.append(
+            paper_fitting.fit_frame_as_paper(
+                moved_center, label, model.shape, frames[-1][:2], SETTINGS,
+                rate_hz=RATE_HZ, stature_m=STATURE_M,
+            )
+        )  # fmt: skip
+    track = paper_fitting.join_poses(model.shape, frames)
     assert track.joint.shape == (3, 21, 3)
     assert track.rotation.shape == (3, 11, 3, 3)
     assert (track.quality[0] == 1).all()
@@ -179,7 +179,7 @@ def test_what_cannot_be_fitted_is_refused(body):
         fit(center[1:], label, model)
     with pytest.raises(ValueError, match="no frame was fitted"):
         paper_fitting.join_poses(model.shape, [])
-    with pytest.raises(ValueError, match=r"turn_speed -1\.0 must be finite"):
-        paper_fitting.PaperFitSettings(turn_speed=-1.0)
-    with pytest.raises(ValueError, match="halvings -1 and rounds 8"):
-        paper_fitting.PaperFitSettings(halvings=-1)
+    with pytest.raises(ValueError, match=r"turn_speed is -1\.0, it must be a number larger than 0"):
+        paper_fitting.PaperMethodSettings(turn_speed=-1.0)
+    with pytest.raises(ValueError, match="halvings is -1, it must be a whole number 0 or more"):
+        paper_fitting.PaperMethodSettings(halvings=-1)

@@ -10,7 +10,7 @@ from tasks.body.blobs.fitting import FitSettings, fit_frame
 from tasks.body.blobs.model import middles
 from tasks.body.blobs.samples import draw_samples
 from tasks.body.poses.limbs import LIMBS, reach_for
-from tasks.body.poses.passes import Fitting, PoseSettings
+from tasks.body.poses.passes import Fitting, JointMethodSettings
 from tasks.body.poses.sides import tell_sides
 from tasks.geometry.voxels import encode_runs, take_frame
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
@@ -32,7 +32,7 @@ def crossed():
     cues[:, 1:3] = hands
     samples = draw_samples([take_frame(runs, t) for t in range(len(BENDS))], None, 2000)
     looks = np.ones((1, len(BONES) + 1), np.float32)
-    take = Fitting(GRID, 20.0, model, PoseSettings(), cues, weights, cues[0], samples, looks)
+    take = Fitting(GRID, 20.0, model, JointMethodSettings(), cues, weights, cues[0], samples, looks)
     rest = rest_pose(model.origin)
     offsets = [middles(model, rest)[limb.end] - model.origin[limb.end] for limb in LIMBS[:2]]
 

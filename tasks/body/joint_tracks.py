@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
 from tasks.engine.kernels import njit
-from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
+from tasks.motion.stature import take_stature as track_stature  # noqa: F401
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""
@@ -152,15 +152,6 @@ def build_joint_track(
     for k in _INFERRED:
         filled[:, k] = quality[:, CARRIERS[k]] < settings.least_quality
     return track, filled & np.isfinite(track).all(axis=2)
-
-
-def track_stature(track: NDArray[np.floating]) -> float:
-    """Return the stature of a take, metres: the median over frames, of DESIGN's section 6.
-
-    1.6 m where no frame has all joints that it is measured by.
-    """
-    stature = measure_stature(track, JOINT_NAMES)
-    return stature if math.isfinite(stature) else DEFAULT_STATURE_M
 
 
 @njit(cache=True, nogil=True)

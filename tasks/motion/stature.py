@@ -1,12 +1,28 @@
 """The stature of a take, measured on its joints, and which joints it has."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import JOINTS
+
 DEFAULT_STATURE_M = 1.6
-"""The stature of a take that neither says nor shows one."""
+"""The stature of a take that neither says nor shows one. Chosen, not measured; the contract says
+it."""
+
+
+def take_stature(track: NDArray[np.floating]) -> float:
+    """Return the stature of a take, metres: as `measure_stature`, or the default.
+
+    Parameters
+    ----------
+    track : (time, 21, 3) float, m
+        The joints of `storage.schema.JOINTS`; NaN where one is missing.
+    """
+    stature = measure_stature(track, JOINTS)
+    return stature if math.isfinite(stature) else DEFAULT_STATURE_M
 
 
 def measure_stature(position: NDArray[np.floating], joints: Sequence[str]) -> float:

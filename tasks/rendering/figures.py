@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from storage.schema import JOINTS
 from tasks.engine.settings import Count, Finite, Positive, check_ranges
-from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
+from tasks.motion.stature import DEFAULT_STATURE_M, take_stature
 from tasks.rendering.drawing.canvas import (
     BLUE,
     GRAY,
@@ -201,9 +201,7 @@ def _front(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _normalized(position: NDArray[np.floating], stature_m: float | None) -> NDArray[np.float64]:
     """Return (time, joint, 3) as compared by the search, facing +z, at the usual stature."""
-    stature_m = stature_m or measure_stature(position, JOINTS)
-    if not np.isfinite(stature_m):
-        stature_m = DEFAULT_STATURE_M
+    stature_m = stature_m or take_stature(position)
     rows = pack_motion(position, INDEX_RATE_HZ, stature_m)[: 3 * len(JOINTS)]
     x, y, z = np.moveaxis(rows.reshape(len(JOINTS), 3, -1).astype(np.float64), 1, 0)
     return DEFAULT_STATURE_M * np.stack([z.T, y.T, -x.T], axis=2)

@@ -1,4 +1,6 @@
-"""The words of the archive's arrays: joints, dims and units (DESIGN, section 2)."""
+"""The words of the archive: joints, dims and units of its arrays, and how frames are written."""
+
+import re
 
 _SIDE = ("Shoulder", "Elbow", "Wrist", "Fin", "Hip", "Knee", "Ankle", "Heel", "Foot")
 
@@ -27,3 +29,17 @@ SEGMENTS = (
 NO_CAMERA = 255
 """The camera of a surface voxel that no camera sees [camera]. It is the largest number of a uint8;
 a take has fewer cameras than that."""
+
+
+def parse_frames(text: str) -> tuple[int, int]:
+    """Return START-END as two frames, both inclusive.
+
+    Raises
+    ------
+    ValueError
+        If it is not two whole numbers in order.
+    """
+    found = re.fullmatch(r"(\d+)-(\d+)", text)
+    if not found or int(found[1]) > int(found[2]):
+        raise ValueError(f"frames {text!r} should be START-END, such as 400-560")
+    return int(found[1]), int(found[2])

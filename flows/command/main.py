@@ -8,7 +8,6 @@ sub-commands that need them; a search does not.
 import argparse
 import logging
 import os
-import re
 import sys
 from collections.abc import Sequence
 from datetime import timedelta
@@ -20,6 +19,7 @@ from flows.command.views import add_render_options, export_voxels_or_segment, pl
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
+from storage.schema import parse_frames
 
 if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings
@@ -292,7 +292,7 @@ def _answer(options: argparse.Namespace, settings: "SearchSettings") -> Any:
 def _export(options: argparse.Namespace) -> int:
     from tasks.exporting.joints import export_take
 
-    clip = parse_frames(options.frames) if options.frames else None
+    clip = _clip(options)
     try:
         notes = export_voxels_or_segment(options, clip)
     except (InputError, ArchiveError):
@@ -309,7 +309,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _render(options: argparse.Namespace) -> int:
-    clip = parse_frames(options.frames) if options.frames else None
+    clip = _clip(options)
     try:
         render(options, clip)
     except (InputError, ArchiveError):
@@ -397,18 +397,12 @@ def _weights(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
     return tuple(weights)
 
 
-def parse_frames(text: str) -> tuple[int, int]:
-    """Return START-END as two frames, both inclusive.
-
-    Raises
-    ------
-    UsageError
-        If it is not two whole numbers in order.
-    """
-    found = re.fullmatch(r"(\d+)-(\d+)", text)
-    if not found or int(found[1]) > int(found[2]):
-        raise UsageError(f"frames {text!r} should be START-END, such as 400-560")
-    return int(found[1]), int(found[2])
+def _clip(options: argparse.Namespace) -> tuple[int, int] | None:
+    """Return what `--frames` says."""
+    try:
+        return parse_frames(options.frames) if options.frames else None
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def _log_to_standard_error(*, quiet: bool, verbose: bool) -> None:

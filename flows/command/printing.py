@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from storage.archive import Take
 from storage.publication import Record
 from storage.schema import JOINTS
+from tasks.motion.stature import DEFAULT_STATURE_M
 
 if TYPE_CHECKING:
     from flows.ingestion import Outcome
@@ -121,7 +122,9 @@ def _motion_lines(
     return {
         "joints": f"{len(record.joints_present)} of {len(JOINTS)}"
         + (f" (without {', '.join(missing)})" if missing else ""),
-        "stature": f"{stature_m:.3f} m, {source}" if stature_m else "unknown: compared as 1.6 m",
+        "stature": f"{stature_m:.3f} m, {source}"
+        if stature_m
+        else f"unknown: compared as {DEFAULT_STATURE_M:g} m",
     }
 
 

@@ -2,8 +2,8 @@
 
 A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
 are of one performer and the cameras stand where the calibration says. The share of a silhouette
-that the hull *explains* tells how far that holds; `tasks.checks.contradictions` finds the camera
-that is to blame where it does not. Here it is said in words, and what is to be done.
+that the hull *explains* tells how far that holds; `tasks.checks.consistency` finds the cameras
+that are inconsistent where it does not. Here it is said in words, and what is to be done.
 """
 
 from collections.abc import Sequence
@@ -19,52 +19,70 @@ from storage.formats.capture.capture import capture_of
 from storage.formats.reading import listed
 from tasks.capture.films import grid_of, largest_image, projection_of
 from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
-from tasks.checks.contradictions import (
-    Witnesses,
+from tasks.checks.consistency import (
+    Consistency,
     find_exchanged,
-    find_to_blame,
-    hear_witnesses,
+    find_inconsistent_cameras,
     least_explained,
+    measure_consistency,
     share_explained,
     share_overlapped,
 )
+from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
 
 _FRAMES_LOOKED_AT = 8
+"""How many frames of a take are compared. Chosen, not measured: all poses differ, and a second of
+work at most."""
+_FILMED = 0.1
+"""Of how much of the hull a camera that sees nobody must film the place to be a fault [share].
+Chosen, not measured."""
 
 
 @dataclass(frozen=True)
 class AgreementSettings:
-    """What is still agreement; shares are 0 to 1.
+    """What is still agreement between cameras.
 
-    Measured on four rendered captures and a real one (`dancer8`), of the camera whose silhouette
-    is explained worst: 0.92 to 0.99 as they are; 0.85 and 0.54 at least where each camera is turned
-    at random by 1 and 2 pixels of 320; 0.42 to 0.66 with a camera panned by 2 degrees.
+    "Explained" is the share of a silhouette that the hull covers. Measured on four rendered
+    captures and a real one (`dancer8`), of the camera whose silhouette is explained worst: 0.92 to
+    0.99 as they are; 0.85 and 0.54 at least where each camera is turned at random by 1 and 2 pixels
+    of 320; 0.42 to 0.66 with a camera panned by 2 degrees.
     """
 
-    consistent: float = 0.85
-    """Cameras that explain all of each other's silhouettes so far agree."""
-    guilt: float = 2.5
-    """A camera is to blame when the hull of the others leaves so many times as much of its
-    silhouette unexplained as of theirs: 3 times with a camera turned by 5 degrees about its axis
-    (`dancer8`), 1.7 with all cameras turned a little."""
-    harmed: float = 0.7
-    """Where the others' silhouettes are explained less because of a camera to blame, it is a fault;
-    above, a note: the hull is a bit thin, or the camera sees something beside the performer."""
-    hopeless: float = 0.5
-    """Where no camera is to blame alone, less than this is a fault."""
-    most_of_picture: float = 0.5
-    """A silhouette that is more of the picture in half of the frames is a wrong background."""
-    outside: float = 0.02
+    consistent: Share = 0.85
+    """Cameras of whose silhouettes so much is explained agree. The worst camera of the captures
+    measured has 0.92, and 0.85 where all are turned by a pixel."""
+    unexplained_ratio: Positive = 2.5
+    """A camera is inconsistent when the hull of the others leaves so many times as much of its
+    silhouette unexplained as of theirs [times]. Measured 3 with a camera turned by 5 degrees about
+    its axis (`dancer8`), 1.7 with all cameras turned a little."""
+    harmed_below: Share = 0.7
+    """Where an inconsistent camera leaves less of another's silhouette explained, it is a fault;
+    above, a note: the hull is a bit thin, or the camera sees something beside the performer. The
+    value is between the 0.42 to 0.66 of a camera panned by 2 degrees and the 0.85 that agree."""
+    mixed_up_below: Share = 0.5
+    """Where no camera alone is inconsistent, less than this explained is a fault. Cameras that are
+    all turned at random by 2 pixels have 0.54 at least."""
+    most_of_picture: Share = 0.5
+    """A silhouette that is more of the picture in half of the frames is a wrong background. Chosen
+    as what no performer in a volume fills; not measured."""
+    most_outside: Share = 0.02
     """More of the hull outside the volume is a fault, less a note. Feet cut off at 0.4 m are 0.05;
     an arm stretched out of it in one frame of 8 is 0.006."""
-    margin_m: float = 0.1
-    """Left around the hulls of the few frames in a volume that is proposed."""
-    tallest_m: float = 2.6
-    """Who would be higher, arms raised, was filmed by cameras in another unit."""
-    min_cameras: int = 3
-    """As `CarvingSettings.min_cameras`: fewer silhouettes meet in more than a performer."""
+    margin_m: NotNegative = 0.1
+    """Room left around the hulls of the few frames in a volume that is proposed. Chosen, not
+    measured."""
+    tallest_m: Positive = 2.6
+    """A performer who would be higher, arms raised, was filmed by cameras in another unit. Above
+    any dancer's reach, and below three feet for a metre; chosen, not measured."""
+    min_cameras: Count = 3
+    """How many silhouettes make a hull. As `CarvingSettings.min_cameras`: fewer meet in more than a
+    performer."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +108,7 @@ class Agreement:
 class _Case:
     """What all checks look at."""
 
-    witnesses: Witnesses
+    consistency: Consistency
     grid: VoxelGrid
     names: Sequence[str]
     settings: AgreementSettings
@@ -98,12 +116,12 @@ class _Case:
     @property
     def frames(self) -> int:
         """How many are looked at."""
-        return len(self.witnesses.votes)
+        return len(self.consistency.voxels)
 
     @property
     def usable(self) -> tuple[int, ...]:
         """The cameras whose silhouettes can be of a performer."""
-        return self.witnesses.usable
+        return self.consistency.usable
 
 
 def check_agreement(
@@ -149,14 +167,14 @@ def check_agreement(
     if len(usable) < settings.min_cameras:
         said = _too_few_fault([names[c] for c in blind], len(usable), settings)
         return replace(nothing, faults=(*faults, said))
-    witnesses = hear_witnesses(silhouettes, projection, grid, usable, settings.min_cameras)
-    case = _Case(witnesses, grid, names, settings)
+    consistency = measure_consistency(silhouettes, projection, grid, usable, settings.min_cameras)
+    case = _Case(consistency, grid, names, settings)
     notes: list[str] = []
     _judge_blind(case, blind, faults, notes)
     explained, overlap = unknown.copy(), unknown.copy()
     for c in usable:
-        explained[c] = share_explained(witnesses, usable, c)
-        overlap[c] = share_overlapped(witnesses, c)
+        explained[c] = share_explained(consistency, usable, c)
+        overlap[c] = share_overlapped(consistency, c)
     trusted = _judge_cameras(case, explained, faults, notes)
     empty = _empty_frames(case)
     if trusted:
@@ -191,10 +209,13 @@ def _judge_blind(case: _Case, blind: Sequence[int], faults: list[str], notes: li
     """Say which cameras see nobody, and whether they should."""
     should, need_not = [], []
     for c in blind:
-        hulls = [(votes, case.witnesses.hull(votes, case.usable)) for votes in case.witnesses.votes]
+        hulls = [
+            (voxels, case.consistency.hull(voxels, case.usable))
+            for voxels in case.consistency.voxels
+        ]
         size = sum(int(hull.sum()) for _, hull in hulls)
-        filmed = sum(int((votes.pixel[c, hull] >= 0).sum()) for votes, hull in hulls)
-        (should if filmed >= 0.1 * size else need_not).append(case.names[c])
+        filmed = sum(int((voxels.pixel[c, hull] >= 0).sum()) for voxels, hull in hulls)
+        (should if filmed >= _FILMED * size else need_not).append(case.names[c])
     if should:
         faults.append(
             f"camera {listed(should)} sees nobody in any of the {case.frames} frames looked "
@@ -220,12 +241,14 @@ def _judge_cameras(
     if worst >= case.settings.consistent:
         return usable
     consistent = case.settings.consistent
-    blamed = find_to_blame(case.witnesses, worst, consistent, case.settings.guilt)
-    others = tuple(c for c in usable if c not in blamed)
+    inconsistent = find_inconsistent_cameras(
+        case.consistency, worst, consistent, case.settings.unexplained_ratio
+    )
+    others = tuple(c for c in usable if c not in inconsistent)
     exchanged = (
         ()
-        if len(blamed) == 1
-        else find_exchanged(case.witnesses, case.grid, blamed, worst, consistent)
+        if len(inconsistent) == 1
+        else find_exchanged(case.consistency, case.grid, inconsistent, worst, consistent)
     )
     if exchanged:
         one, other = (case.names[c] for c in exchanged)
@@ -235,9 +258,9 @@ def _judge_cameras(
         )
         return ()
     harm = min(float(explained[c]) for c in others)
-    if blamed:
-        said = _blame(case, blamed, explained)
-        if harm < case.settings.harmed:
+    if inconsistent:
+        said = _inconsistency(case, inconsistent, explained)
+        if harm < case.settings.harmed_below:
             faults.append(said)
         else:
             notes.append(said[0].upper() + said[1:] + ".")
@@ -245,31 +268,33 @@ def _judge_cameras(
     return _judge_all(case, worst, faults, notes)
 
 
-def _blame(case: _Case, blamed: tuple[int, ...], explained: NDArray[np.float64]) -> str:
+def _inconsistency(
+    case: _Case, inconsistent: tuple[int, ...], explained: NDArray[np.float64]
+) -> str:
     """Return the sentence on cameras that disagree with the others."""
-    others = [c for c in case.usable if c not in blamed]
+    others = [c for c in case.usable if c not in inconsistent]
     with_them = min(explained[c] for c in others)
-    own = " and ".join(f"{share_explained(case.witnesses, others, c):.0%}" for c in blamed)
-    names = listed([case.names[c] for c in blamed])
+    own = " and ".join(f"{share_explained(case.consistency, others, c):.0%}" for c in inconsistent)
+    names = listed([case.names[c] for c in inconsistent])
     does, its, was = (
-        ("disagrees", "its", "was") if len(blamed) == 1 else ("disagree", "their", "were")
+        ("disagrees", "its", "was") if len(inconsistent) == 1 else ("disagree", "their", "were")
     )
     return (
         f"camera {names} {does} with the others, whose hull explains {own} of {its} silhouette, "
-        f"and of one of the others {least_explained(case.witnesses, others):.0%} without and "
+        f"and of one of the others {least_explained(case.consistency, others):.0%} without and "
         f"{with_them:.0%} with {its} silhouette: {names} {was} moved after calibration, or shows "
         "another film, another moment, or more than the performer; calibrate again or leave it out"
     )
 
 
 def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -> tuple[int, ...]:
-    """Say how far all cameras agree where none is to blame alone; return who can be trusted."""
+    """Say how far all cameras agree where none alone is inconsistent; return who can be trusted."""
     said = f"the hull of all cameras explains only {least:.0%} of a silhouette"
     if len(case.usable) > case.settings.min_cameras:
         without = {c: [o for o in case.usable if o != c] for c in case.usable}
-        best, worst = max((least_explained(case.witnesses, without[c]), c) for c in case.usable)
+        best, worst = max((least_explained(case.consistency, without[c]), c) for c in case.usable)
         said += f", and {best:.0%} without camera {case.names[worst]!r}, which disagrees most"
-    if least < case.settings.hopeless:
+    if least < case.settings.mixed_up_below:
         faults.append(
             f"{said}: films and calibrations of several cameras are mixed up, or the films do not "
             "begin at the same moment"
@@ -285,8 +310,8 @@ def _judge_all(case: _Case, least: float, faults: list[str], notes: list[str]) -
 def _empty_frames(case: _Case) -> list[int]:
     """Return the frames in which the hull of all cameras has no voxel in the volume."""
     empty = []
-    for frame, votes in enumerate(case.witnesses.votes):
-        points = votes.points[case.witnesses.hull(votes, case.usable)]
+    for frame, voxels in enumerate(case.consistency.voxels):
+        points = voxels.points[case.consistency.hull(voxels, case.usable)]
         if not is_inside(points, case.grid).any():
             empty.append(frame)
     return empty
@@ -295,8 +320,10 @@ def _empty_frames(case: _Case) -> list[int]:
 def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
     """Say how much of the hull is outside the volume."""
     hulls = [
-        main_parts(votes.points[case.witnesses.hull(votes, trusted)], case.witnesses.scene.voxel_m)
-        for votes in case.witnesses.votes
+        main_parts(
+            voxels.points[case.consistency.hull(voxels, trusted)], case.consistency.scene.voxel_m
+        )
+        for voxels in case.consistency.voxels
     ]
     tallest = max((float(np.ptp(hull[:, 1])) for hull in hulls if len(hull)), default=0.0)
     if tallest > case.settings.tallest_m:
@@ -305,7 +332,7 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
             "its scale wrong? Say the unit under [video]."
         )
     points = np.concatenate(hulls)
-    outside = ~is_inside(points, case.grid, case.witnesses.scene.voxel_m)
+    outside = ~is_inside(points, case.grid, case.consistency.scene.voxel_m)
     if not outside.any():
         return
     share = float(outside.mean())
@@ -315,7 +342,7 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         f"{share:.1%} of the performer is outside the volume; center_m = {center} and size_m = "
         f"{size} under [volume] would hold all that was seen"
     )
-    if share > case.settings.outside:
+    if share > case.settings.most_outside:
         faults.append(said)
     else:
         notes.append(f"{said}.")

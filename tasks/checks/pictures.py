@@ -15,6 +15,7 @@ from storage.formats.capture.capture import Capture
 from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.footage import read_picture
 from tasks.capture.films import projection_of
+from tasks.engine.settings import Count, Positive, Share, check_ranges
 from tasks.geometry.projection import Projection, project_points
 from tasks.rendering.drawing.canvas import (
     BLUE,
@@ -36,14 +37,21 @@ from tasks.rendering.drawing.canvas import (
 class CheckSettings:
     """How a camera's check is drawn."""
 
-    smallest_width: int = 640
-    """A background narrower than this is enlarged by a whole number, px."""
-    grid_m: float = 0.5
-    """Between two lines of the floor."""
-    arrow_m: float = 0.5
-    """Length of the axes that stand on the floor: x red, y green, z blue."""
-    pale: float = 0.25
-    """Share of white that is laid over the background, so that lines stand out."""
+    smallest_width_px: Count = 640
+    """A background narrower than this is enlarged by a whole number. Chosen by eye: lines and title
+    can be read."""
+    grid_m: Positive = 0.5
+    """Distance of two lines of the floor. Chosen by eye on the shared captures; not measured."""
+    arrow_m: Positive = 0.5
+    """Length of the axes that stand on the floor: x red, y green, z blue. Chosen by eye on the
+    shared captures; not measured."""
+    pale: Share = 0.25
+    """White that is laid over the background, so that lines stand out. Chosen by eye on the shared
+    captures; not measured."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 def draw_capture_checks(
@@ -107,7 +115,7 @@ def draw_camera_check(
             f"the background is {background.dtype} of shape {background.shape}, but camera "
             f"{camera.name!r} films uint8 of shape {(camera.height, camera.width, 3)}"
         )
-    larger = -(-settings.smallest_width // columns)
+    larger = -(-settings.smallest_width_px // columns)
     pale = (1 - settings.pale) * background + settings.pale * 255.0
     size = (columns * larger * FINE, rows * larger * FINE)
     image = np.asarray(cv2.resize(pale, size, interpolation=cv2.INTER_CUBIC)).clip(0, 255)
@@ -158,7 +166,7 @@ def draw_silhouette(
             f"the silhouette has shape {silhouette.shape}, but the frame {frame.shape[:2]}; bring "
             "those of one camera"
         )
-    larger = -(-settings.smallest_width // frame.shape[1])
+    larger = -(-settings.smallest_width_px // frame.shape[1])
     size = (frame.shape[1] * larger, frame.shape[0] * larger)
     picture = np.array(cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC), np.uint8)
     inside = cv2.resize(silhouette.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)

@@ -162,7 +162,7 @@ def _add_pelvis(
 ) -> None:
     """Add the root, turned with hips and waist, and what is rigid to it."""
     middle = (track["RHip"] + track["LHip"]) / 2
-    across = _unit(track["LHip"] - track["RHip"], (1.0, 0.0, 0.0))
+    across = _unit_or(track["LHip"] - track["RHip"], (1.0, 0.0, 0.0))
     upward = np.tile(_UP, (len(middle), 1))
     for joint in ("Waist", "Neck", "Head", "RShoulder", "LShoulder"):
         if joint in track:
@@ -170,7 +170,7 @@ def _add_pelvis(
             if np.median(np.linalg.norm(toward, axis=1)) > 0.01:
                 upward = toward
                 break
-    upward = _unit(_across(upward, across), _UP)
+    upward = _unit_or(_across(upward, across), _UP)
     rotation = np.stack([across, upward, np.cross(across, upward)], axis=-1)
     growing.names.append(ROOT)
     growing.parents.append(-1)
@@ -225,11 +225,11 @@ def _bend(
 ) -> NDArray[np.float64]:
     """Return the middle of two bones of a half each that reach from a bone to the target."""
     begin, root = growing.position[bone], growing.rotation[0]
-    along = _unit(target - begin, _UP)
+    along = _unit_or(target - begin, _UP)
     reach = np.minimum(np.linalg.norm(target - begin, axis=1), 2 * half)[:, None] / 2
     side = _across(-root[:, :, 2], along)
     flat = np.linalg.norm(side, axis=1, keepdims=True) < 0.05
-    side = _unit(np.where(flat, _across(root[:, :, 1], along), side), _FORWARD)
+    side = _unit_or(np.where(flat, _across(root[:, :, 1], along), side), _FORWARD)
     return begin + along * reach + side * np.sqrt(np.maximum(half**2 - reach**2, 0.0))
 
 
@@ -260,7 +260,7 @@ def _swing(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     half = a + b
     opposite = np.linalg.norm(half, axis=1, keepdims=True) < 1e-6
     least = np.eye(3)[np.argmin(np.abs(a), axis=1)]
-    half = _unit(np.where(opposite, _across(least, a), half), _UP)
+    half = _unit_or(np.where(opposite, _across(least, a), half), _UP)
     first = np.eye(3) - 2 * a[:, :, None] * a[:, None, :]
     second = np.eye(3) - 2 * half[:, :, None] * half[:, None, :]
     return second @ first
@@ -271,7 +271,7 @@ def _across(vector: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[n
     return vector - axis * np.sum(vector * axis, axis=1, keepdims=True)
 
 
-def _unit(vector: NDArray[np.float64], instead: Sequence[float]) -> NDArray[np.float64]:
+def _unit_or(vector: NDArray[np.float64], instead: Sequence[float]) -> NDArray[np.float64]:
     """Return (time, 3) vectors at length 1, and another one where there is no direction."""
     length = np.linalg.norm(vector, axis=1, keepdims=True)
     return np.where(length > 1e-9, vector / np.maximum(length, 1e-9), np.array(instead))

@@ -18,17 +18,26 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import KDTree
 
+from tasks.engine.settings import CountOrNone, Positive, Share, check_ranges
+
 
 @dataclass(frozen=True)
 class SurfaceSettings:
     """How the stairs of the voxels are smoothed."""
 
-    smoothing_steps: int = 30
+    smoothing_steps: CountOrNone = 30
     """Pairs of a shrinking and a growing step; 0 leaves every vertex midway between voxels. With 30
     the normals of a sphere of 10 voxels are 15 degrees off instead of 38, its volume 0.1 %."""
-    shrinking: float = 0.5
-    growing: float = 0.51
-    """A little more than shrinking (Taubin 1995, section 4)."""
+    shrinking: Share = 0.5
+    """How far a vertex moves to the middle of its neighbors in a shrinking step. Chosen, not
+    measured."""
+    growing: Positive = 0.51
+    """How far it moves away from them in a growing step [share of the way]. A little more than
+    shrinking (Taubin 1995, section 4)."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 def closed_surface(

@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from tasks.geometry.voxel_lines import LENGTH, VoxelLines, Z
 
-_SPECKS = 3  # voxels that may touch a side
+_STRAY_VOXELS = 3
+"""How many voxels may touch a side. Those that noise left; chosen, not measured."""
 
 
 def cut_off_at(index: NDArray[np.integer], shape: tuple[int, int, int]) -> list[tuple[int, int]]:
@@ -16,7 +17,9 @@ def cut_off_at(index: NDArray[np.integer], shape: tuple[int, int, int]) -> list[
     list of (axis, index)
         The axis that the side stands on, and its index there.
     """
-    return [(axis, end) for axis, end in _sides(shape) if (index[:, axis] == end).sum() > _SPECKS]
+    return [
+        (axis, end) for axis, end in _sides(shape) if (index[:, axis] == end).sum() > _STRAY_VOXELS
+    ]
 
 
 def is_cut_off(lines: VoxelLines, shape: tuple[int, int, int]) -> bool:
@@ -26,7 +29,7 @@ def is_cut_off(lines: VoxelLines, shape: tuple[int, int, int]) -> bool:
     for axis, side in _sides(shape):
         touches = length if axis != Z else np.ones_like(length)
         found = (begin[:, axis] == side) | (end[:, axis] == side)
-        if touches[found].sum() > _SPECKS:
+        if touches[found].sum() > _STRAY_VOXELS:
             return True
     return False
 

@@ -32,6 +32,7 @@ from storage.publication import (
 )
 from storage.recordings import Recording
 from storage.schema import JOINTS
+from tasks.engine.settings import NotNegative, Positive
 from tasks.geometry.runs import inner_runs
 from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_notes
 from tasks.motion.gaps import fill_gaps, filter_low_pass
@@ -42,8 +43,10 @@ from tasks.motion.virtual_joints import plan_points
 logger = logging.getLogger(__name__)
 
 FEWEST_JOINTS = 6
-
+"""How many joints a take has at least. Fewer are no body that a search could compare; chosen, not
+measured."""
 _NAMES_SAID = 60
+"""How many names a message lists. Chosen, not measured."""
 
 Positions = NDArray[np.float64]
 
@@ -52,19 +55,23 @@ Positions = NDArray[np.float64]
 class ImportSettings:
     """Everything that changes what is made of a motion file."""
 
-    longest_gap_s: float = 0.2
-    """Gaps up to this long are filled: in a fifth of a second a limb changes its direction
+    longest_gap_s: NotNegative = 0.2
+    """Gaps up to this long are filled. In a fifth of a second a limb changes its direction
     once at most, which a cubic can follow; after longer ones a spline only invents."""
-    low_pass_hz: float | None = None
-    """Above this the joints' movement is taken for noise and removed; None leaves it."""
-    scale: float | None = None
-    """Metres in one unit of the file, whatever the file says."""
+    low_pass_hz: Positive | None = None
+    """Above this the joints' movement is taken for noise and removed; None leaves it. What is noise
+    depends on the recording, so nothing is removed unasked."""
+    scale: Positive | None = None
+    """Length of one unit of the file, whatever the file says [m]. None infers it from the file and
+    from the performer's body."""
     up: str | None = None
-    """The axis that points up ("x", "y", "z", "-x", "-y" or "-z"), whatever the file says."""
+    """The axis that points up ("x", "y", "z", "-x", "-y" or "-z"), whatever the file says. None
+    infers it from the file and from the performer's body."""
     mapping: JointMap | None = None
-    """Joints and their markers, which come before any marker set."""
-    stature_m: float | None = None
-    """The performer's stature, where it is known."""
+    """Joints and their markers, which come before any marker set. None chooses the marker set by
+    the names."""
+    stature_m: Positive | None = None
+    """The performer's stature, where it is known. None measures it on the joints."""
 
 
 @dataclass(frozen=True)

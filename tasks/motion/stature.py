@@ -9,7 +9,20 @@ from numpy.typing import NDArray
 from storage.schema import JOINTS
 
 DEFAULT_STATURE_M = 1.6
-"""The stature of a take that neither says nor shows one."""
+"""The stature of a take that neither says nor shows one. Chosen, not measured; the contract says
+it."""
+
+
+def take_stature(track: NDArray[np.floating]) -> float:
+    """Return the stature of a take, metres: as `measure_stature`, or the default.
+
+    Parameters
+    ----------
+    track : (time, 21, 3) float, m
+        The joints of `storage.schema.JOINTS`; NaN where one is missing.
+    """
+    stature = measure_stature(track, JOINTS)
+    return stature if math.isfinite(stature) else DEFAULT_STATURE_M
 
 
 def measure_stature(position: NDArray[np.floating], joints: Sequence[str]) -> float:
@@ -51,15 +64,6 @@ def measure_stature(position: NDArray[np.floating], joints: Sequence[str]) -> fl
     stature = length(joint("Head"), joint("Neck")) + length(joint("Neck"), middle) + leg
     stature = stature[np.isfinite(stature)]
     return float(np.median(stature)) if len(stature) and np.median(stature) > 0 else float("nan")
-
-
-def take_stature(track: NDArray[np.floating]) -> float:
-    """Return the stature of a (time, 21, 3) track, m, joints as in `storage.schema.JOINTS`.
-
-    As `measure_stature`; `DEFAULT_STATURE_M` where no frame has all joints that it is measured by.
-    """
-    stature_m = measure_stature(track, JOINTS)
-    return stature_m if math.isfinite(stature_m) else DEFAULT_STATURE_M
 
 
 def joints_present(position: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -134,8 +134,8 @@ def find_chord_center(above: Points, lateral: Points, outside: Points) -> Points
     """
     thigh = above - lateral
     length = np.linalg.norm(thigh, axis=-1, keepdims=True)
-    along = _unit(thigh)
-    inward = -_unit(_reject(outside - lateral, along))
+    along = _unit_or_nan(thigh)
+    inward = -_unit_or_nan(_reject(outside - lateral, along))
     offset = _half_breadth(KNEE_BREADTH, above, lateral)
     cosine = np.minimum(_divide(offset, length), 1.0)
     return lateral + offset * (cosine * along + np.sqrt(1 - cosine**2) * inward)
@@ -148,7 +148,7 @@ def shift_ankle(knee_marker: Points, knee: Points, ankle_marker: Points) -> Poin
     distance half an ankle (`ANKLE_BREADTH` of the shank) and a marker's radius. Arrays are
     (time, 3), metres.
     """
-    inward = _unit(_reject(knee - knee_marker, _unit(ankle_marker - knee)))
+    inward = _unit_or_nan(_reject(knee - knee_marker, _unit_or_nan(ankle_marker - knee)))
     return ankle_marker + _half_breadth(ANKLE_BREADTH, knee, ankle_marker) * inward
 
 
@@ -160,7 +160,7 @@ def drop_shoulder(
     It lies `SHOULDER_DROP` of the distance of both acromia (median over the take) down the
     trunk, whose axis runs from the middle of `upper` to the middle of `lower`; all (time, 3).
     """
-    down = _unit(_mean(*lower) - _mean(*upper))
+    down = _unit_or_nan(_mean(*lower) - _mean(*upper))
     return near + SHOULDER_DROP * _median_distance(near, far) * down
 
 
@@ -171,7 +171,7 @@ def lift_band(
     sideways = right_front + right_back - left_front - left_back
     forward = right_front + left_front - right_back - left_back
     middle = _mean(right_front, left_front, right_back, left_back)
-    return middle + BAND_TO_CROWN_M * _unit(np.cross(sideways, forward))
+    return middle + BAND_TO_CROWN_M * _unit_or_nan(np.cross(sideways, forward))
 
 
 def lift_skull(skull: Points, right_eye: Points, left_eye: Points) -> Points:
@@ -180,7 +180,7 @@ def lift_skull(skull: Points, right_eye: Points, left_eye: Points) -> Points:
     The eyes are taken to lie as far ahead of the skull's base as above it, so the head's own
     up is half a right angle from the line to their middle; (time, 3) each.
     """
-    sideways = _unit(right_eye - left_eye)
+    sideways = _unit_or_nan(right_eye - left_eye)
     eyes = _reject(_mean(right_eye, left_eye) - skull, sideways)
     up = (eyes + np.cross(sideways, eyes)) * math.sqrt(0.5)
     return skull + EYES_TO_CROWN * up
@@ -189,7 +189,7 @@ def lift_skull(skull: Points, right_eye: Points, left_eye: Points) -> Points:
 def lift_neck(skull: Points, neck: Points, hip: Points, knee: Points, ankle: Points) -> Points:
     """Return the crown: `SKULL_OF_LEG` of the leg beyond the skull's base, as the neck points."""
     leg = _median_distance(hip, knee) + _median_distance(knee, ankle)
-    return skull + SKULL_OF_LEG * leg * _unit(skull - neck)
+    return skull + SKULL_OF_LEG * leg * _unit_or_nan(skull - neck)
 
 
 def carry_on(start: Points, through: Points, share: float) -> Points:
@@ -206,8 +206,8 @@ def _pelvis_axes(
     right_asis: Points, left_asis: Points, back: Points
 ) -> tuple[Points, Points, Points]:
     """Forward, up and right, each a unit vector (Wu et al. 2002)."""
-    side = _unit(right_asis - left_asis)
-    forward = _unit(_reject((right_asis + left_asis) / 2 - back, side))
+    side = _unit_or_nan(right_asis - left_asis)
+    forward = _unit_or_nan(_reject((right_asis + left_asis) / 2 - back, side))
     return forward, np.cross(side, forward), side
 
 
@@ -230,7 +230,8 @@ def _reject(vector: Points, axis: Points) -> Points:
     return vector - np.sum(vector * axis, axis=-1, keepdims=True) * axis
 
 
-def _unit(vector: Points) -> Points:
+def _unit_or_nan(vector: Points) -> Points:
+    """Return vectors of length 1, with NaN where there is no direction."""
     return _divide(vector, np.linalg.norm(vector, axis=-1, keepdims=True))
 
 

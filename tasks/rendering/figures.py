@@ -1,36 +1,31 @@
-"""Draw motion: rows of stick figures, a match laid over its query, a joint over time.
+"""Draw motion: rows of stick figures, and a match laid over its query.
 
 Pictures are what the retrieval paper prints: snapshots (figures 9-10), a query and a match in
-one place (figure 8), a joint's coordinates with the match shaded (figures 11, 12 and 15).
+one place (figure 8).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
+from tasks.engine.settings import Count, Finite, Positive, check_ranges
+from tasks.motion.stature import DEFAULT_STATURE_M, take_stature
 from tasks.rendering.drawing.canvas import (
     BLUE,
-    FINE,
     GRAY,
-    GREEN,
     GRID,
     INK,
     ORANGE,
-    RED,
     Color,
     Image,
     blank,
-    blend,
     draw_legend,
     draw_line,
     draw_text,
     finish,
-    round_numbers,
 )
 from tasks.rendering.drawing.stick_figures import draw_figure
 from tasks.retrieval.normalization import INDEX_RATE_HZ, pack_motion
@@ -40,14 +35,21 @@ from tasks.retrieval.normalization import INDEX_RATE_HZ, pack_motion
 class FigureSettings:
     """How stick figures are drawn; lengths in pixels of the finished picture."""
 
-    width: int = 1200
-    figure_height: int = 250
-    """Height given to the tallest figure."""
-    aside: float = 0.5
-    """Radians that the viewer stands to the performer's left of straight ahead."""
-    above: float = 0.14
-    """Radians that the viewer looks down."""
-    thickness: float = 4.0
+    width: Count = 1200
+    """Width of the picture [px]. Chosen by eye; not measured."""
+    figure_height: Count = 250
+    """Height given to the tallest figure [px]. Chosen by eye; not measured."""
+    aside: Finite = 0.5
+    """How far the viewer stands to the performer's left of straight ahead [rad]. Chosen by eye:
+    right and left limbs do not cover each other."""
+    above: Finite = 0.14
+    """How far the viewer looks down [rad]. Chosen by eye; not measured."""
+    thickness: Positive = 4.0
+    """Thickness of the lines of a figure 140 px to the metre [px]. Chosen by eye; not measured."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 def draw_stick_figures(
@@ -170,81 +172,6 @@ def draw_overlay(
     return image
 
 
-def draw_joint_plot(
-    position: NDArray[np.floating],
-    joint: str,
-    *,
-    clips: Sequence[tuple[int, int]] = (),
-    title: str = "",
-    shade: Color = ORANGE,
-    width: int = 1200,
-    height: int = 260,
-) -> Image:
-    """Return a joint's coordinates over the frames of a take, clips shaded.
-
-    Parameters
-    ----------
-    position : (time, 21, 3) float
-        Metres; a line breaks where the joint is missing.
-    joint : str
-        One of `storage.schema.JOINTS`.
-    clips : sequence of (start, end)
-        Frames to shade, both inclusive.
-    title : str
-        Written above; by default the joint's name.
-    shade
-        RGB: blue for a query, orange for matches.
-
-    Returns
-    -------
-    (height, width, 3) uint8
-        RGB.
-
-    Raises
-    ------
-    ValueError
-        Where the joint is unknown.
-    """
-    _check_motion(position)
-    if joint not in JOINTS:
-        raise ValueError(f"joint {joint!r} cannot be plotted; give one of {', '.join(JOINTS)}")
-    tracks = np.asarray(position[:, JOINTS.index(joint)], dtype=np.float64)
-    seen = tracks[np.isfinite(tracks)]
-    low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
-    margin = max(0.08 * (high - low), 0.02)
-    left, right, top, bottom = 64, width - 24, 52, height - 40
-    frames = np.arange(len(tracks))
-    across = left + (right - left) * frames / max(len(tracks) - 1, 1)
-
-    def down(meters: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        span = high - low + 2.0 * margin
-        return np.asarray(bottom - (bottom - top) * (np.asarray(meters) - low + margin) / span)
-
-    image = blank(height, width)
-    for start, end in clips:
-        first, last = across[max(start, 0)], across[min(end, len(tracks) - 1)]
-        corners = (round(first * FINE), top * FINE), (round(last * FINE), bottom * FINE)
-        cv2.rectangle(image, *corners, blend(shade, 0.22), cv2.FILLED)
-    ticks_m, ticks = round_numbers(low, high, 4), round_numbers(0.0, len(tracks) - 1.0, 9)
-    for meters in ticks_m:
-        draw_line(image, (left, float(down(meters))), (right, float(down(meters))), GRID, 1.0)
-    for color, track in zip((RED, GREEN, BLUE), tracks.T, strict=True):
-        points = np.stack([across, down(track)], axis=1)
-        for run in np.ma.clump_unmasked(np.ma.masked_invalid(track)):
-            fine = np.rint(points[run] * FINE * 16).astype(np.int32)
-            cv2.polylines(image, [fine], False, color, 2 * FINE, cv2.LINE_AA, 4)
-    image = finish(image)
-    for meters in ticks_m:
-        draw_text(
-            image, f"{meters:g}", (left - 8, float(down(meters)) + 5), 13, GRAY, align="right"
-        )
-    for frame in ticks:
-        draw_text(image, f"{frame:g}", (float(across[int(frame)]), height - 16), 13, GRAY, "center")
-    draw_text(image, title or joint, (24, 32), 19, INK, weight=600)
-    draw_legend(image, [("x", RED), ("y", GREEN), ("z (m)", BLUE)], row=32)
-    return image
-
-
 def _check_motion(position: NDArray[np.floating]) -> None:
     """Refuse what is not a motion of the 21 joints."""
     if position.ndim != 3 or position.shape[1:] != (len(JOINTS), 3) or not len(position):
@@ -274,9 +201,7 @@ def _front(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _normalized(position: NDArray[np.floating], stature_m: float | None) -> NDArray[np.float64]:
     """Return (time, joint, 3) as compared by the search, facing +z, at the usual stature."""
-    stature_m = stature_m or measure_stature(position, JOINTS)
-    if not np.isfinite(stature_m):
-        stature_m = DEFAULT_STATURE_M
+    stature_m = stature_m or take_stature(position)
     rows = pack_motion(position, INDEX_RATE_HZ, stature_m)[: 3 * len(JOINTS)]
     x, y, z = np.moveaxis(rows.reshape(len(JOINTS), 3, -1).astype(np.float64), 1, 0)
     return DEFAULT_STATURE_M * np.stack([z.T, y.T, -x.T], axis=2)

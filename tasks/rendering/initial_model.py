@@ -31,7 +31,7 @@ SEGMENT_COLORS: tuple[Color, ...] = (
     *((190, 120, 60), (225, 180, 130), (120, 80, 150), (185, 155, 210)),
 )
 """A color a label: 0, then the 11 segments; right limbs warm, left limbs cool."""
-BONES = (
+_JOINT_LINES = (
     *(("Head", "Neck"), ("Neck", "Waist")),
     *((a, s + b) for s in "RL" for a, b in (("Neck", "Shoulder"), ("Waist", "Hip"))),
     *(
@@ -82,7 +82,7 @@ def draw_from(
         for column in range(-reach, reach + 1):
             at = np.clip(spot + np.array([column, row]), 0, side * FINE - 1)
             image[at[:, 1], at[:, 0]] = color[order].astype(np.uint8)
-    for first, last in BONES:
+    for first, last in _JOINT_LINES:
         ends = np.array([joints[first], joints[last]])
         if np.isfinite(ends).all():
             start, end = place(ends)

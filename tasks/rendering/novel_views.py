@@ -13,31 +13,46 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tasks.engine.settings import Count, Finite, Positive, Share, check_ranges
 from tasks.rendering.drawing.canvas import PAPER, Color, Image
 from tasks.rendering.drawing.floors import cast_shadow, paint_floor
-from tasks.rendering.drawing.splats import BALL, project_balls, smooth_surface, splat
+from tasks.rendering.drawing.point_rendering import (
+    BALL,
+    draw_balls,
+    project_balls,
+    smooth_surface,
+)
 
 
 @dataclass(frozen=True)
 class ViewSettings:
     """How the picture looks."""
 
-    fine: int = 2
-    """The performer is drawn this much larger, then reduced: smooth edges."""
+    fine: Count = 2
+    """The performer is drawn so much larger, then reduced, for smooth edges [times]. Chosen by eye;
+    not measured."""
     background: Color = PAPER
+    """Color behind the performer [RGB]. That of all pictures."""
     line: Color = (205, 203, 196)
-    """Of the floor's grid."""
-    floor_m: float | None = 0.0
-    """Height of the floor; None draws no floor."""
-    grid_m: float = 0.5
-    floor_radius_m: float = 3.0
-    """The grid fades out toward this distance from below the performer."""
-    shadow: float = 0.5
-    """Share of light that a touching performer takes from the floor."""
+    """Color of the floor's grid [RGB]. Chosen by eye; not measured."""
+    floor_m: Finite | None = 0.0
+    """Height of the floor; None draws no floor. The archive's floor is at y = 0."""
+    grid_m: Positive = 0.5
+    """Distance of the lines on the floor. Chosen by eye; not measured."""
+    floor_radius_m: Positive = 3.0
+    """Distance from below the performer toward which the grid fades out. Chosen by eye; not
+    measured."""
+    shadow: Share = 0.5
+    """Light that a touching performer takes from the floor. Chosen by eye; not measured."""
     light: tuple[float, float, float] = (-0.45, -0.65, -0.6)
-    """Direction to the light, from the camera: right, down, ahead."""
-    ambient: float = 0.58
-    """Share of light that comes from everywhere."""
+    """Direction to the light, from the camera: right, down, ahead [of any length]. Chosen by eye;
+    not measured."""
+    ambient: Share = 0.58
+    """Light that comes from everywhere. Chosen by eye; not measured."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 def render_view(
@@ -90,7 +105,7 @@ def render_view(
         shaded = _shade(color, normal, openness, camera[:, 1], settings)
         fine = settings.fine
         ball = project_balls(place[~away], lens, BALL * voxel_m, fine)
-        drawn = splat(ball, shaded[~away], (rows * fine, columns * fine), voxel_m, fine)
+        drawn = draw_balls(ball, shaded[~away], (rows * fine, columns * fine), voxel_m, fine)
         if drawn is not None:
             _lay_over(image, *drawn, fine)
     return image
@@ -147,73 +162,6 @@ def aim_camera(
     right = np.array([c, 0.0, -s])
     rotation = np.stack([right, np.cross(right, toward), -toward])
     return matrix, rotation, -rotation @ (np.asarray(target_m, np.float64) + distance_m * toward)
-
-
-def orbit_cameras(
-    target_m: ArrayLike,
-    height_m: float,
-    radius_m: float,
-    count: int,
-    size: tuple[int, int],
-    *,
-    start: float = 0.0,
-    turns: float = 1.0,
-    view_angle: float = math.radians(40.0),
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return cameras on a circle around a point, all of which look at it.
-
-    Parameters
-    ----------
-    target_m : (3,) float
-        The middle of the volume.
-    height_m : float
-        Of the cameras, in the world.
-    radius_m : float
-        Of the circle.
-    count : int
-        Number of cameras, evenly spaced; the one after the last would close the turns.
-    size : (int, int)
-        Columns and rows of the picture.
-    start : float
-        Azimuth of the first camera, as for `aim_camera`.
-    turns : float
-        Times around, counterclockwise seen from above; negative goes clockwise.
-    view_angle : float
-        Radians from the upper to the lower edge.
-
-    Returns
-    -------
-    matrix, rotation, translation : (3, 3), (camera, 3, 3), (camera, 3) float64
-        x = K (R X + t).
-
-    Raises
-    ------
-    ValueError
-        If there is no camera, or no such camera.
-    """
-    if count < 1 or not radius_m > 0:
-        raise ValueError(
-            f"{count} cameras at {radius_m} m are no orbit; pass at least one, "
-            "and a radius larger than 0"
-        )
-    above = height_m - float(np.asarray(target_m)[1])
-    distance, elevation = math.hypot(radius_m, above), math.atan2(above, radius_m)
-    cameras = [
-        aim_camera(
-            target_m,
-            start + 2.0 * math.pi * turns * number / count,
-            elevation,
-            distance,
-            size,
-            view_angle=view_angle,
-        )
-        for number in range(count)
-    ]
-    return (
-        cameras[0][0],
-        np.stack([rotation for _, rotation, _ in cameras]),
-        np.stack([translation for _, _, translation in cameras]),
-    )
 
 
 def _check_voxels(center: Any, color: Any, voxel_m: float, size: tuple[int, int]) -> None:

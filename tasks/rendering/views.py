@@ -31,9 +31,13 @@ SEGMENT_COLORS = np.array(
 )  # fmt: skip
 """RGB of the labels 0 to 11: neighbors differ in hue, right and left in all limbs."""
 
-_FILLS = 0.8  # of the picture's height or width, by all that the take occupies
-_LOOKED_AT = 24  # frames that say what the take occupies
+_FILLS = 0.8
+"""How much of the picture's height or width is filled by all that the take occupies [share]. Chosen
+by eye; not measured."""
+_LOOKED_AT = 24
+"""How many frames say what the take occupies. Chosen, not measured."""
 _VIEW_ANGLE = math.radians(40.0)
+"""Angle from the upper to the lower edge of the picture [rad]. Chosen by eye; not measured."""
 
 
 @dataclass(frozen=True)

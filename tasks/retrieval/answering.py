@@ -15,6 +15,7 @@ from storage import Archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
 from storage.publication import Record
+from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.searching import (
     Match,
@@ -124,10 +125,12 @@ def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
     name, colon, frames = text.rpartition(":")
     if not colon or not re.fullmatch(r"[\d-]+", frames):
         return text, None
-    found = re.fullmatch(r"(\d+)-(\d+)", frames)
-    if not found or int(found[1]) > int(found[2]):
-        raise ValueError(f"the frames of {text!r} should be START-END, such as {name}:400-560")
-    return name, (int(found[1]), int(found[2]))
+    try:
+        return name, parse_frames(frames)
+    except ValueError:
+        raise ValueError(
+            f"the frames of {text!r} should be START-END, such as {name}:400-560"
+        ) from None
 
 
 def _find_query(

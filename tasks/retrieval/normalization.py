@@ -20,6 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import JOINTS
 from tasks.retrieval.paths import path_channel
 
 INDEX_RATE_HZ = 30.0
@@ -36,7 +37,7 @@ def _both(names: Sequence[str]) -> tuple[str, ...]:
 
 
 PARTS: dict[str, tuple[str, ...]] = {
-    "whole": ("Head", "Neck", "Waist", *_both(_ARM + _LEG)),
+    "whole": JOINTS,
     "upper": ("Head", "Neck", "Waist", *_both(_ARM)),
     "lower": _both(_LEG),
     "arms": _both(_ARM),
@@ -58,16 +59,20 @@ PATH_ROWS = slice(66, 69)
 """The packed rows that hold the path channel."""
 
 ROWS = 69
+"""How many rows a packed take has. 21 joints, the shoulders' middle and the path, 3 each."""
 
-_JOINTS = PARTS["whole"]
 OTHER_SIDE: NDArray[np.int64] = np.array(
-    [_JOINTS.index({"R": "L", "L": "R"}.get(name[0], name[0]) + name[1:]) for name in _JOINTS]
+    [JOINTS.index({"R": "L", "L": "R"}.get(name[0], name[0]) + name[1:]) for name in JOINTS]
 )
 """(21,) The joint that a mirror puts in a joint's place."""
 
-_ON_FRAME = 1e-6  # frames; nearer than this, a sample is the frame
-_HIPS_APART_MIN = 1e-3  # statures; below, the hips stand over each other and point nowhere
-_BLOCK = 1 << 15  # samples normalized at a time, so that an hour of motion needs no gigabytes
+_ON_FRAME = 1e-6
+"""How near to a frame a sample is the frame [frames]. Far above rounding, far below a frame."""
+_HIPS_APART_MIN = 1e-3
+"""Distance over the floor below which the hips point nowhere [statures]. 2 mm; chosen, not
+measured."""
+_BLOCK = 1 << 15
+"""How many samples are normalized at a time. An hour of motion needs no gigabytes then."""
 
 
 def sample_count(frames: int, rate_hz: float) -> int:
@@ -127,10 +132,10 @@ def pack_motion(
     ValueError
         If the shape is another, or the rate or stature is not a positive number.
     """
-    if position.ndim != 3 or position.shape[1:] != (len(_JOINTS), 3) or not len(position):
+    if position.ndim != 3 or position.shape[1:] != (len(JOINTS), 3) or not len(position):
         raise ValueError(
             f"positions of shape {position.shape} came; "
-            f"(time, {len(_JOINTS)}, 3) with at least one frame is wanted"
+            f"(time, {len(JOINTS)}, 3) with at least one frame is wanted"
         )
     for name, value in (("rate_hz", rate_hz), ("stature_m", stature_m)):
         if not 0 < value < np.inf:
@@ -156,7 +161,7 @@ def mirror_rows(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     mirrored = rows.copy()
     mirrored[: SHOULDER_ROWS.start] = (
-        rows[: SHOULDER_ROWS.start].reshape(len(_JOINTS), 3, -1)[OTHER_SIDE].reshape(63, -1)
+        rows[: SHOULDER_ROWS.start].reshape(len(JOINTS), 3, -1)[OTHER_SIDE].reshape(63, -1)
     )
     mirrored[2 : SHOULDER_ROWS.stop : 3] *= -1
     mirrored[PATH_ROWS.start + 1 : PATH_ROWS.stop] *= -1
@@ -182,7 +187,7 @@ def _resample(
 
 def _frame_of_body(raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the hips' middle (sample, 3) and the unit (x, z) from right hip to left."""
-    right, left = raw[:, _JOINTS.index("RHip")], raw[:, _JOINTS.index("LHip")]
+    right, left = raw[:, JOINTS.index("RHip")], raw[:, JOINTS.index("LHip")]
     across = (left - right)[:, ::2]
     apart = np.hypot(across[:, 0], across[:, 1])
     apart[~(apart >= _HIPS_APART_MIN)] = np.nan
@@ -199,6 +204,6 @@ def _normalize(
         [x * left_z - z * left_x, np.where(np.isnan(left_x), np.nan, y), x * left_x + z * left_z],
         axis=2,
     )
-    shoulders = [_JOINTS.index(f"{side}Shoulder") for side in "RL"]
+    shoulders = [JOINTS.index(f"{side}Shoulder") for side in "RL"]
     middle = turned[:, shoulders].mean(axis=1, keepdims=True)
     return np.concatenate([turned, middle], axis=1).reshape(len(raw), -1).T

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 WINDOW_S = 0.2
-"""Velocities are differences over this time: steps survive it, a marker's trembling does not."""
+"""Time over which velocities are differences. Steps survive it, a marker's trembling does not."""
 
 TURN_LEVER = 0.25
-"""Statures at which turning is made a velocity, to be weighed against going: about the elbow
-of a stretched arm, whose tip reaches half a stature."""
+"""Distance from the axis at which turning is made a velocity, to be weighed against going
+[statures]. About the elbow of a stretched arm, whose tip reaches half a stature."""
 
 
 def path_channel(

@@ -22,6 +22,7 @@ from storage.arrays.search import open_search_array
 from storage.errors import ArchiveError
 from storage.places import Place
 from storage.publication import Record
+from storage.schema import JOINTS
 from tasks.motion.stature import joints_present
 from tasks.retrieval.normalization import (
     INDEX_RATE_HZ,
@@ -37,12 +38,14 @@ from tasks.retrieval.normalization import (
 from tasks.retrieval.warping import Clip, select_matches, shortest_match, warm_up, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 
-_JOINTS = PARTS["whole"]
 _UPPER_JOINTS = {*PARTS["arms"], *PARTS["head"]}
-_SHOULDERS = tuple(_JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
-_HIPS = tuple(_JOINTS.index(name) for name in ("RHip", "LHip"))
-_PIECE = 1 << 12  # samples; a longer take is cut for several threads
-_PIECE_IN_QUERIES = 16  # so that warming up costs a piece at most an eighth
+_SHOULDERS = tuple(JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
+_HIPS = tuple(JOINTS.index(name) for name in ("RHip", "LHip"))
+_PIECE = 1 << 12
+"""How many samples a piece of a take has at least. A longer take is cut for several threads."""
+_PIECE_IN_QUERIES = 16
+"""How many times as long as the query a piece is at least [times]. Warming up costs a piece an
+eighth at most then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,7 @@ class Match:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Found:
     """What a search found, and what it could not look at."""
 
     matches: list[Match]
@@ -155,7 +158,7 @@ def search_takes(
     settings: SearchSettings | None = None,
     *,
     threads: int | None = None,
-) -> Answer:
+) -> Found:
     """Return the matches of a query in takes.
 
     Parameters
@@ -175,11 +178,11 @@ def search_takes(
     """
     settings = settings or SearchSettings()
     weights = joint_weights(settings)
-    shoulders = {_JOINTS[k] for k in np.flatnonzero(weights)} <= _UPPER_JOINTS
+    shoulders = {JOINTS[k] for k in np.flatnonzero(weights)} <= _UPPER_JOINTS
     versions = _versions(query, weights, settings.mirror)
     searched: list[tuple[PackedTake, list[tuple[Clip, bool]]]] = []
     skipped: dict[str, str] = {}
-    compared = np.zeros(len(_JOINTS), bool)
+    compared = np.zeros(len(JOINTS), bool)
     for take in takes:
         common = [(v, (v.weights > 0) & v.joints_present & take.joints_present) for v in versions]
         why = _why_not(query, take, settings.steps, shoulders, any(c.any() for _, c in common))
@@ -197,7 +200,7 @@ def search_takes(
         _check_query(query, compared, shoulders, settings.path_weight > 0)
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
     matches.sort(key=lambda match: (match.distance, match.take, match.start))
-    return Answer(matches[: settings.top], skipped)
+    return Found(matches[: settings.top], skipped)
 
 
 def _versions(query: Query, weights: NDArray[np.float32], mirror: bool) -> list[_Version]:
@@ -268,7 +271,7 @@ def _check_query(query: Query, compared: NDArray[np.bool_], shoulders: bool, pat
     missing = {"the hips": hips}
     if shoulders:
         missing["the shoulders"] = without(query.rows[SHOULDER_ROWS]) & ~hips
-    missing |= {_JOINTS[k]: joint(int(k)) & ~hips for k in np.flatnonzero(compared)}
+    missing |= {JOINTS[k]: joint(int(k)) & ~hips for k in np.flatnonzero(compared)}
     if path:
         missing["the path"] = without(query.rows[PATH_ROWS]) & ~hips
     faults = [f"{name} (in {where(at)})" for name, at in missing.items() if at.any()]
@@ -363,7 +366,7 @@ def read_packed_takes(
         if "motion" not in record.stages:
             skipped[record.take] = f"take {record.take!r} has no motion, only voxels"
             continue
-        present = np.array([joint in record.joints_present for joint in _JOINTS])
+        present = np.array([joint in record.joints_present for joint in JOINTS])
         try:
             rows = open_search_array(place, record.take, record.version)
         except ArchiveError as error:

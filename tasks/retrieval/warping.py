@@ -24,13 +24,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
+from tasks.retrieval.normalization import INDEX_RATE_HZ
 
 STEPS = ("slope", "paper")
+"""The names of the steps."""
 
-_TILE = 512  # frames; their 54 rows stay in the second cache, and the row's set-up is shared
-_LANES = 64  # a tile is padded to this, so that no loop has a rest to round in another way
-_BLOCK = 256  # ends behind one remembered best end, when selecting
-_INDEX_RATE_HZ = 30.0
+_TILE = 512
+"""How many frames of a take are warped at a time. Their 54 rows stay in the second cache, and the
+row's set-up is shared."""
+_LANES = 64
+"""A tile is padded to a multiple of so many frames. No loop has a rest then to round in another
+way."""
+_BLOCK = 256
+"""How many ends stand behind one remembered best end, when matches are selected. It changes the
+speed only; chosen, not measured."""
 _INF = np.float32(np.inf)
 
 Clip = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
@@ -255,7 +262,7 @@ def _warp(clip: Any, rows: Any, span: Any, distance: Any, start: Any, slope: Any
 @njit(cache=True, nogil=True)
 def _frame(sample: Any, rate_hz: Any) -> Any:
     """Return the take's frame nearest to a sample, as `normalization.frame_of_sample`."""
-    return math.floor(sample * rate_hz / _INDEX_RATE_HZ + 0.5)
+    return math.floor(sample * rate_hz / INDEX_RATE_HZ + 0.5)
 
 
 @njit(cache=True, nogil=True)

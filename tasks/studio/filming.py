@@ -12,9 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Gt, Lt
 from numpy.typing import NDArray
 
 from storage.errors import InputError
@@ -23,11 +24,11 @@ from storage.formats.calibration.toml import write_calibration
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
+from tasks.engine.settings import Count, CountOrNone, NotNegative, Positive, check_ranges
 from tasks.studio.dancing.limbs import unit
 from tasks.studio.stage.bodies import SEGMENTS, BodySurface, pose_surface
 from tasks.studio.stage.outer_points import outer_vertices
 from tasks.studio.stage.scenes import (
-    BACKDROPS,
     Spoilers,
     film_empty,
     film_scene,
@@ -40,23 +41,32 @@ from tasks.studio.stage.scenes import (
 class RingSettings:
     """Where the cameras of a generated capture stand, and what they are."""
 
-    cameras: int = 8
-    """Around the performer, evenly."""
-    overhead: int = 0
-    """More of them that look down from above."""
-    radius_m: float = 4.2
-    """From the middle of the volume, over the floor."""
+    cameras: CountOrNone = 8
+    """Cameras around the performer, evenly. The speed of digitizing is promised for so
+    many."""
+    overhead: CountOrNone = 0
+    """More of them that look down from above. None, as in most studios."""
+    radius_m: Positive = 4.2
+    """Distance from the middle of the volume, over the floor. A performer with stretched arms is
+    whole in each image; not measured."""
     heights_m: tuple[float, ...] = (1.2, 2.4)
-    """Above the floor, in turn."""
-    overhead_m: float = 4.5
-    field_of_view: float = 0.85
-    """Of the image's width, radians."""
+    """Heights above the floor, in turn. Chosen, not measured."""
+    overhead_m: Positive = 4.5
+    """Height of the cameras above. Chosen, not measured."""
+    field_of_view: Annotated[float, Gt(0), Lt(math.pi)] = 0.85
+    """Angle that the image's width covers [rad]. Chosen with the radius; not measured."""
     distortion: tuple[float, float] = (-0.08, 0.01)
-    """OpenCV's k1 and k2."""
+    """OpenCV's k1 and k2 of the lens. Chosen, not measured: straight lines bend visibly."""
     size: tuple[int, int] = (320, 240)
-    """Columns and rows of an image."""
-    spread: float = 0.02
-    """How much places, lenses and image centers differ from camera to camera; 0 for none."""
+    """Columns and rows of an image [px]. The size that the speed of digitizing is
+    promised for."""
+    spread: NotNegative = 0.02
+    """How much places, lenses and image centers differ from camera to camera [share]. Cameras hung
+    by hand differ; chosen, not measured."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -64,14 +74,22 @@ class FilmSettings:
     """How a performer is clothed and filmed."""
 
     clothes: Literal["fitting", "kimono"] = "fitting"
+    """What the performer wears. Fitting clothes are the easier ones."""
     backdrop: Literal["green", "grey"] = "green"
+    """Color of floor and walls. Green, as in a studio that is made for it."""
     spoilers: Spoilers = field(default_factory=Spoilers)
-    samples: int = 3
-    """Along each side of a pixel, an odd number."""
+    """What keeps the images from being clean."""
+    samples: Count = 3
+    """Samples along each side of a pixel, an odd number. Edges are smooth enough; chosen by eye."""
     compressed: bool = True
-    """Whether the images become videos; else they stay PNG files, free of loss."""
-    voxel_m: float = 0.01
-    """What `capture.toml` asks for."""
+    """Whether the images become videos; else they stay PNG files, free of loss. Real captures are
+    videos."""
+    voxel_m: Positive = 0.01
+    """Edge of a voxel that `capture.toml` asks for. The speed of digitizing is promised for it."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,10 +305,8 @@ def _check(position: NDArray[np.float64], rate_hz: float, settings: FilmSettings
         faults.append(f"a track of shape {position.shape}, wanted is (time, {len(JOINTS)}, 3)")
     if not rate_hz > 0.0:
         faults.append(f"{rate_hz} frames a second, wanted are more than 0")
-    if settings.samples < 1 or settings.samples % 2 == 0:
+    if settings.samples % 2 == 0:
         faults.append(f"{settings.samples} samples along a pixel, wanted is an odd number")
-    if settings.backdrop not in BACKDROPS:
-        faults.append(f"the backdrop {settings.backdrop!r}, wanted is {' or '.join(BACKDROPS)}")
     if faults:
         raise ValueError(f"this cannot be filmed: {'; '.join(faults)}")
 

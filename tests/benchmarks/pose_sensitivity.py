@@ -15,11 +15,11 @@ from storage.schema import JOINTS
 from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.extremities.places import Extremities, ExtremitySettings, find_extremities
 from tasks.body.initial.search import InitialModel, InitialModelSettings, find_initial_model
-from tasks.body.joint_tracks import track_stature
 from tasks.body.pose_fitting import cues_of
 from tasks.body.poses.joint import fit_poses
 from tasks.body.poses.passes import JointMethodSettings
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
+from tasks.motion.stature import take_stature
 from tests.benchmarks.pose_runs import Voxels
 from tests.benchmarks.pose_scores import joint_errors, score_joints
 
@@ -84,7 +84,7 @@ class Dancer:
         key = (settings.initial, settings.extremities)
         if key not in self.seen:
             found = self.model(settings.initial)
-            stature_m = self.stature_m or track_stature(found.position[None])
+            stature_m = self.stature_m or take_stature(found.position[None])
             joints = dict(zip(JOINTS, found.position, strict=True))
             self.seen[key] = find_extremities(
                 self.surfaces, self.rate_hz, stature_m, joints, initial_frame=found.frame,

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.command.main import build_parser, main, parse_frames
+from flows.command.main import build_parser, main
 from storage import create_archive, open_archive
 from storage.arrays.search import search_array_path
 from storage.errors import PlaceError
 from storage.formats import read_motion_file
 from storage.recordings import find_recordings, plan_takes
-from storage.schema import JOINTS
+from storage.schema import JOINTS, parse_frames
 from tasks.motion.importing import ImportSettings, import_take
 from tasks.motion.stature import joints_present
 from tasks.retrieval.indexing import index_take

@@ -22,7 +22,8 @@ RED: Color = (190, 52, 48)
 GREEN: Color = (38, 140, 72)
 
 FINE = 2
-"""Drawn this much larger, then reduced: smooth edges."""
+"""How much larger pictures are drawn before they are reduced, for smooth edges [times]. Chosen by
+eye; not measured."""
 
 
 def blank(height: int, width: int) -> Image:
@@ -75,11 +76,3 @@ def draw_text(
     left = at[0] - {"left": 0.0, "center": 0.5, "right": 1.0}[align] * width
     cv2.putText(image, text, (round(left), round(at[1])), color, face, size, weight)
     return width
-
-
-def round_numbers(low: float, high: float, about: int) -> list[float]:
-    """Return round numbers from low to high, about so many."""
-    raw = max(high - low, 1e-6) / about
-    power = 10.0 ** np.floor(np.log10(raw))
-    step = next(power * n for n in (1.0, 2.0, 5.0, 10.0) if power * n >= raw)
-    return [round(step * n, 10) for n in range(int(np.ceil(low / step)), int(high / step) + 1)]

@@ -14,7 +14,7 @@ _SIDE = (
     *(("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Wrist", "Fin")),
     *(("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Heel"), ("Heel", "Foot"), ("Ankle", "Foot")),
 )
-LIMBS = _SPINE + _LOINS + tuple((s + a, s + b) for s in "RL" for a, b in _SIDE)
+FIGURE_LINES = _SPINE + _LOINS + tuple((s + a, s + b) for s in "RL" for a, b in _SIDE)
 """The lines of a stick figure, by the names of their joints."""
 
 
@@ -45,10 +45,10 @@ def draw_figure(
     if len(trunk) == 4 and seen.issubset(strong):
         corners = np.rint(np.array([at[name][:2] for name in trunk]) * FINE).astype(np.int32)
         cv2.fillConvexPoly(image, corners, blend(color, 0.16), cv2.LINE_AA)
-    limbs = [pair for pair in LIMBS if seen.issuperset(pair)]
+    lines = [pair for pair in FIGURE_LINES if seen.issuperset(pair)]
     if "Waist" not in seen:
-        limbs += [(a, b) for a, b in (("Neck", "RHip"), ("Neck", "LHip")) if {a, b} <= seen]
-    for a, b in sorted(limbs, key=lambda pair: at[pair[0]][2] + at[pair[1]][2]):
+        lines += [(a, b) for a, b in (("Neck", "RHip"), ("Neck", "LHip")) if {a, b} <= seen]
+    for a, b in sorted(lines, key=lambda pair: at[pair[0]][2] + at[pair[1]][2]):
         share = 1.0 if {a, b} & set(strong) else 0.25
         shade = _shade(color, a if a[0] in "RL" else b)
         draw_line(image, at[a][:2], at[b][:2], blend(shade, share), thickness)

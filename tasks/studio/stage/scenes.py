@@ -10,30 +10,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.settings import NotNegative, Share, check_ranges
 from tasks.studio.dancing.limbs import unit
 from tasks.studio.stage.bodies import BodySurface
 from tasks.studio.stage.rasterization import draw_triangles, lay_over, project_bent
 
 _LIGHT = np.array([0.28, -1.0, 0.22])
+"""Direction in which light falls [of any length]. Chosen by eye; not measured."""
 _CELL_M = 0.02
+"""Edge of a cell of the shadow. Chosen by eye; not measured."""
 _MARGIN_M = 1.5
+"""How far the shadow's cells reach beyond the performer. Chosen; not measured."""
 _BACKDROPS = {"green": (62.0, 140.0, 76.0), "grey": (128.0, 128.0, 130.0)}
-BACKDROPS = tuple(_BACKDROPS)
-"""What may stand behind a performer."""
+"""Color of floor and wall [RGB]. Chosen by eye; not measured."""
 
 
 @dataclass(frozen=True)
 class Spoilers:
     """What keeps a camera's images from being clean."""
 
-    noise: float = 2.5
-    """Of a sensor's pixel, standard deviation, 0-255."""
-    flicker: float = 0.01
-    """Of a camera's gain from frame to frame, standard deviation."""
-    drift: float = 0.02
-    """Of a camera's gain over a take, largest share."""
-    shadow: float = 0.35
-    """Share of the light that the performer takes from the floor at most."""
+    noise: NotNegative = 2.5
+    """Standard deviation of a sensor's pixel [0-255]. Chosen by eye; not measured."""
+    flicker: NotNegative = 0.01
+    """Standard deviation of a camera's gain from frame to frame [share]. Chosen by eye; not
+    measured."""
+    drift: NotNegative = 0.02
+    """Largest change of a camera's gain over a take [share]. Chosen by eye; not measured."""
+    shadow: Share = 0.35
+    """Light that the performer takes from the floor at most. Chosen by eye; not measured."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +124,7 @@ def place_shot(
     scene : Scene
         What will be filmed.
     backdrop : str
-        One of `BACKDROPS`: the color of floor and wall.
+        "green" or "grey": the color of floor and wall.
     seed : (take, camera)
         The texture of the stage follows from the first, noise and gain from both.
     """

@@ -82,17 +82,6 @@ def test_what_is_not_seen_is_flagged_where_its_segment_fits_badly():
     assert track.dtype == np.float32
 
 
-def test_the_stature_is_that_of_searching():
-    joint = np.full((3, 21, 3), np.nan)
-    height = {"Head": 1.6, "Neck": 1.4, "RHip": 0.9, "LHip": 0.9}
-    height |= {"RKnee": 0.5, "LKnee": 0.45, "RAnkle": 0.1, "LAnkle": 0.1}
-    for name in height:
-        joint[:, place(name)] = [0, height[name], 0]
-    assert joint_tracks.track_stature(joint) == pytest.approx(1.6 - 0.1)
-    joint[:, place("Neck")] = np.nan
-    assert joint_tracks.track_stature(joint) == 1.6
-
-
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match=r"qualities of shape \(4, 11\) do not fit"):
         joint_tracks.build_joint_track(np.zeros((5, 21, 3)), np.zeros((4, 11)), SETTINGS)

@@ -8,7 +8,7 @@ import pytest
 
 from tasks.checks.agreement import AgreementSettings, check_agreement
 from tasks.checks.bounds import fitting_box, main_parts
-from tasks.checks.votes import collect_votes, hull_of, make_scene
+from tasks.checks.voxel_consistency import hull_of, make_scene, measure_voxel_consistency
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import volume_grid
 from tests.figures.calibration_files import looking_at
@@ -211,26 +211,28 @@ def test_arrays_that_do_not_fit_are_refused(cameras, silhouettes):
         check_agreement(silhouettes, projection, GRID, NAMES[:6])
 
 
-def test_the_votes_give_the_hull_that_testing_each_voxel_gives(cameras, silhouettes):
+def test_the_kept_voxels_give_the_hull_that_testing_each_voxel_gives(cameras, silhouettes):
     projection = projection_of(cameras)
     scene = make_scene(silhouettes[:1], projection, (0.0, 1.0, 0.0), range(len(NAMES)))
-    [votes] = collect_votes(scene, np.array([-1.0, 0.0, -1.0]), np.array([1.0, 2.0, 1.0]))
-    inside = np.ones((len(NAMES), len(votes.points)), bool)
+    [voxels] = measure_voxel_consistency(
+        scene, np.array([-1.0, 0.0, -1.0]), np.array([1.0, 2.0, 1.0])
+    )
+    inside = np.ones((len(NAMES), len(voxels.points)), bool)
     for c, camera in enumerate(cameras):
         pixel, _ = cv2.projectPoints(
-            votes.points, cv2.Rodrigues(camera.rotation)[0], camera.translation,
+            voxels.points, cv2.Rodrigues(camera.rotation)[0], camera.translation,
             camera.intrinsics, None,
         )  # fmt: skip
         u, v = np.floor(pixel[:, 0] + 0.5).astype(int).T
         filmed = (u >= 0) & (u < COLUMNS) & (v >= 0) & (v < ROWS)
         inside[c, filmed] = silhouettes[0, c, v[filmed], u[filmed]]
-    np.testing.assert_array_equal(hull_of(votes, range(7), 3), inside.all(axis=0))
+    np.testing.assert_array_equal(hull_of(voxels, range(7), 3), inside.all(axis=0))
     chosen = [0, 2, 3, 6]
-    np.testing.assert_array_equal(hull_of(votes, chosen, 3), inside[chosen].all(axis=0))
+    np.testing.assert_array_equal(hull_of(voxels, chosen, 3), inside[chosen].all(axis=0))
     assert ((~inside).sum(axis=0) <= 2).all()
     edge = scene.voxel_m
     assert 0.01 < edge < 0.03
-    volume = hull_of(votes, range(7), 3).sum() * edge**3
+    volume = hull_of(voxels, range(7), 3).sum() * edge**3
     assert 0.05 < volume < 0.2  # a body of balls, and what the silhouettes leave around it
 
 
@@ -263,10 +265,10 @@ def test_scraps_of_a_hull_need_no_room():
 
 def test_settings_decide_what_is_said(cameras, silhouettes):
     one, projection = silhouettes[2:, :4], projection_of(cameras[:4])
-    strict = AgreementSettings(consistent=0.9999, hopeless=1.0)
+    strict = AgreementSettings(consistent=0.9999, mixed_up_below=1.0)
     found = check_agreement(one, projection, GRID, NAMES[:4], strict)
     assert "the hull of all cameras explains only" in found.faults[0]
-    lenient = AgreementSettings(consistent=0.9999, hopeless=0.0)
+    lenient = AgreementSettings(consistent=0.9999, mixed_up_below=0.0)
     found = check_agreement(one, projection, GRID, NAMES[:4], lenient)
     assert found.faults == ()
     assert "the calibration is off by some pixels" in found.notes[0]

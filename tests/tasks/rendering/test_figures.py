@@ -1,4 +1,4 @@
-"""Pictures show what is there: sides, places, missing joints, clips; and files are whole."""
+"""Pictures show what is there: sides, places, missing joints; and files are whole."""
 
 import cv2
 import numpy as np
@@ -7,10 +7,9 @@ import pytest
 from storage.errors import InputError
 from storage.formats.pictures.pictures import write_png
 from storage.schema import JOINTS
-from tasks.rendering.drawing.canvas import BLUE, GREEN, ORANGE, PAPER, RED, round_numbers
+from tasks.rendering.drawing.canvas import BLUE, ORANGE, PAPER
 from tasks.rendering.figures import (
     FigureSettings,
-    draw_joint_plot,
     draw_overlay,
     draw_stick_figures,
 )
@@ -134,38 +133,6 @@ def test_limbs_that_were_not_searched_with_are_faint(performance):
     assert rows[:, 0].min() > 0.7 * len(whole)
 
 
-def test_a_plot_draws_each_coordinate_at_its_height_and_shades_the_clip():
-    position = np.zeros((101, 21, 3))
-    position[:, JOINTS.index("RElbow")] = [0.0, 1.0, -0.5]
-    plain = draw_joint_plot(position, "RElbow", width=800, height=300)
-    shaded = draw_joint_plot(position, "RElbow", clips=[(25, 50)], width=800, height=300)
-    assert shaded.shape == (300, 800, 3)
-    x, y, z = (
-        np.median(pixels(plain[60:-50, 100:-100], color, 25)[:, 0]) for color in (RED, GREEN, BLUE)
-    )
-    assert y < x < z
-    assert (z - x) / (x - y) == pytest.approx(0.5, abs=0.03)
-    changed = np.flatnonzero((plain != shaded).any(axis=(0, 2)))
-    left, right = 64, 800 - 24
-    assert changed.min() == pytest.approx(left + 0.25 * (right - left), abs=2)
-    assert changed.max() == pytest.approx(left + 0.50 * (right - left), abs=2)
-
-
-def test_a_plot_breaks_where_the_joint_is_missing():
-    position = np.zeros((101, 21, 3))
-    position[40:60] = np.nan
-    image = draw_joint_plot(position, "Head", width=800)
-    columns = np.unique(pixels(image[60:-50], BLUE, 25)[:, 1])
-    gap = columns[:-1][np.diff(columns) > 5]
-    assert gap == pytest.approx([64 + 0.39 * 712], abs=4)
-    assert draw_joint_plot(np.full((9, 21, 3), np.nan), "Head").shape == (260, 1200, 3)
-
-
-def test_axis_marks_are_round_numbers():
-    assert round_numbers(0.0, 100.0, 5) == [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]
-    assert round_numbers(-0.31, 0.29, 4) == [-0.2, 0.0, 0.2]
-
-
 def test_what_cannot_be_drawn_is_refused(performance):
     position = performance.position
     with pytest.raises(ValueError, match=r"frames \[3, 999\] cannot all be drawn; give at least"):
@@ -174,10 +141,10 @@ def test_what_cannot_be_drawn_is_refused(performance):
         draw_stick_figures(position, [])
     with pytest.raises(ValueError, match=r"shape \(5, 20, 3\) cannot be drawn"):
         draw_stick_figures(position[:5, :20], [0])
+    with pytest.raises(ValueError, match="width is 0, it must be a whole number 1 or more"):
+        FigureSettings(width=0)
     with pytest.raises(ValueError, match="0 instants cannot be drawn; ask for at least one"):
         draw_overlay(position, position, instants=0)
-    with pytest.raises(ValueError, match="joint 'Nose' cannot be plotted; give one of Head, "):
-        draw_joint_plot(position, "Nose")
 
 
 def test_a_written_picture_is_the_picture(tmp_path):

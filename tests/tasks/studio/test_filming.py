@@ -298,10 +298,12 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path, track, cameras):
 
 
 def test_what_cannot_be_filmed_is_named_all_at_once(tmp_path, track, cameras):
-    settings = FilmSettings(samples=2, backdrop="pink")
-    wanted = r"shape \(2, 20, 3\).* 0.0 frames a second.* 2 samples.* 'pink', wanted is green or"
+    settings = FilmSettings(samples=2)
+    wanted = r"shape \(2, 20, 3\).* 0.0 frames a second.* 2 samples along a pixel, wanted is an odd"
     with pytest.raises(ValueError, match=wanted):
         film_capture(tmp_path / "take", track[:, 1:], 0.0, cameras=cameras, settings=settings)
+    with pytest.raises(ValueError, match=r"backdrop is 'pink', .*; samples is 0, it must be"):
+        FilmSettings(samples=0, backdrop="pink")  # type: ignore
     assert not list(tmp_path.iterdir())
 
 

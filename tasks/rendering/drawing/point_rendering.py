@@ -1,4 +1,4 @@
-"""Balls that stand for surface voxels: smoothed, projected, mixed where they overlap.
+"""Point rendering: surface voxels drawn as balls, smoothed, projected, mixed where they overlap.
 
 Each ball is moved so that all touch the smooth surface that the voxels are stairs of. The
 nearest ball at a pixel decides its depth, and those just behind it are mixed in, so colors run
@@ -14,10 +14,20 @@ from numpy.typing import NDArray
 from tasks.engine.kernels import njit
 
 BALL = 0.9
-"""Radius in voxels: a surface of voxels that leans in all axes has gaps up to 0.82."""
+"""Radius of a ball [voxels]. A surface of voxels that leans in all axes has gaps up to 0.82."""
 _REACH = 3
-"""Voxels within which the surface is felt for its direction."""
-_OUTSIDE, _INSIDE = -2, -1
+"""How far around a voxel the surface is looked at for its normal [voxels]. Chosen by eye; not
+measured."""
+_OUTSIDE = -2
+"""Mark of an empty cell that is connected with the border of the grid."""
+_INSIDE = -1
+"""Mark of a cell that the surface encloses."""
+_LEAST_NORMAL = 2.0
+"""Sum of the ways to empty neighbors below which a voxel has no normal [voxels]. As much is empty
+on one side as on the other; chosen, not measured."""
+_LEAST_RADIUS_PX = 0.75
+"""Least radius of a ball in the fine picture. Half a pixel's diagonal is 0.71: none lies between
+two pixels."""
 
 
 def smooth_surface(
@@ -51,8 +61,8 @@ def smooth_surface(
     at = np.ravel_multi_index(tuple(index.T), number.shape)
     normal = np.zeros((len(index), 3), np.float32)
     openness, lift, step = np.zeros((3, len(index)), np.float32)
-    _feel(flat, at, _around(_REACH, number.shape), normal, lift, openness)
-    _level(flat, at, _around(_REACH - 1, number.shape), normal, lift, step)
+    _find_normals(flat, at, _around(_REACH, number.shape), normal, lift, openness)
+    _find_steps(flat, at, _around(_REACH - 1, number.shape), normal, lift, step)
     place = center + (voxel_m * (step + 0.5 - BALL))[:, None] * normal
     return place, normal.astype(np.float64), openness.astype(np.float64)
 
@@ -95,7 +105,7 @@ def _flood(number: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _feel(flat: Any, at: Any, around: Any, normal: Any, lift: Any, openness: Any) -> None:
+def _find_normals(flat: Any, at: Any, around: Any, normal: Any, lift: Any, openness: Any) -> None:
     """Write which way is out, how high the surface nearby lies, and how much is empty there."""
     for voxel in range(len(at)):
         empty = surface = 0
@@ -114,7 +124,7 @@ def _feel(flat: Any, at: Any, around: Any, normal: Any, lift: Any, openness: Any
                 mean_z += around[k, 2]
         openness[voxel] = empty / len(around)
         length = math.sqrt(x * x + y * y + z * z)
-        if length < 2.0:  # as much empty on one side as on the other
+        if length < _LEAST_NORMAL:
             continue
         normal[voxel, 0] = x / length
         normal[voxel, 1] = y / length
@@ -123,7 +133,7 @@ def _feel(flat: Any, at: Any, around: Any, normal: Any, lift: Any, openness: Any
 
 
 @njit(cache=True, nogil=True)
-def _level(flat: Any, at: Any, around: Any, normal: Any, lift: Any, step: Any) -> None:
+def _find_steps(flat: Any, at: Any, around: Any, normal: Any, lift: Any, step: Any) -> None:
     """Write how far along its normal each ball is moved, in voxels.
 
     The surface nearby lies low around a stair and high around a notch; around a bend it lies
@@ -155,14 +165,14 @@ def project_balls(
     scale = np.where(ahead, radius_m / np.where(ahead, depth, 1.0), 0.0)
     ball = np.empty((len(place), 6), np.float32)
     ball[:, :2] = (pixel[:, :2] + 0.5) * fine - 0.5
-    ball[:, 2] = np.maximum(scale * lens[0, 0] * fine, 0.75)  # never between two pixels
-    ball[:, 3] = np.maximum(scale * lens[1, 1] * fine, 0.75)
+    ball[:, 2] = np.maximum(scale * lens[0, 0] * fine, _LEAST_RADIUS_PX)
+    ball[:, 3] = np.maximum(scale * lens[1, 1] * fine, _LEAST_RADIUS_PX)
     ball[:, 4] = np.where(ahead, depth, 0.0)
     ball[:, 5] = radius_m
     return ball
 
 
-def splat(
+def draw_balls(
     ball: NDArray[np.float32],
     color: NDArray[np.float32],
     shape: tuple[int, int],

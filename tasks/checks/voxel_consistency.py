@@ -1,9 +1,10 @@
-"""What each camera says of the voxels near a performer, wherever the performer may be.
+"""Which cameras film a voxel inside their silhouettes, wherever the performer may be.
 
-Carving keeps what all cameras agree on; to find out who is wrong, the votes themselves are kept,
-of all voxels that a few cameras at most film outside their silhouettes. From them the visual hull
-of any set of cameras follows without looking into a picture again. Boxes of voxels are halved
-from coarse to fine; one is left out when its whole image misses too many silhouettes.
+Carving keeps the voxels that all cameras film inside their silhouettes. To find out which camera
+is inconsistent, all voxels are kept that a few cameras at most film outside, together with which
+cameras these are. From that the visual hull of any set of cameras follows without looking into a
+picture again. Boxes of voxels are halved from coarse to fine; one is left out when its whole image
+is outside of too many silhouettes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,9 +18,19 @@ from numpy.typing import NDArray
 from tasks.geometry.projection import Projection, camera_centers, project_points
 
 _HALVINGS = 3
+"""How often boxes are halved until they are voxels. Chosen, not measured."""
 _MOST_BOXES = 500_000
-_MOST_COLUMNS = 400  # larger silhouettes are reduced: the votes are about centimetres
+"""How many boxes there may be before any is halved. It bounds the memory; chosen, not measured."""
+_MOST_COLUMNS = 400
+"""Widest silhouette that is compared as it is [px]. Larger ones are reduced: what is looked for is
+centimetres."""
+_VOXELS_ACROSS = 30
+"""How many voxels lie across a standing performer's width and height together. Chosen, not
+measured."""
+_FILLED = 0.5
+"""Of how much of it silhouette a reduced pixel is silhouette [share]. The majority."""
 _UNSEEN = -1
+"""Number of the pixel of a voxel that a camera does not see."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,19 +41,19 @@ class Scene:
     """(time, camera, row, column)."""
     projection: Projection
     voxel_m: float
-    """Edge of a voxel whose vote is kept: some 30 across a standing performer's width and height
-    together, whatever the scale of the world."""
+    """Edge of a voxel: some 30 across a standing performer's width and height together, whatever
+    the scale of the world."""
 
 
 @dataclass(frozen=True, eq=False)
-class Votes:
+class VoxelConsistency:
     """The voxels of one frame that at most a few cameras film outside their silhouettes."""
 
     points: NDArray[np.float64]
     """(voxel, 3) centers, m."""
     seen: NDArray[np.uint64]
     """(voxel,) bit c is set where camera c sees it."""
-    missed: NDArray[np.uint64]
+    outside: NDArray[np.uint64]
     """(voxel,) bit c is set where camera c films it outside its silhouette."""
     pixel: NDArray[np.int64]
     """(camera, voxel) number of the pixel, -1 where the camera does not see it."""
@@ -67,18 +78,18 @@ def make_scene(
     center_m
         About where the performer is; only the fineness depends on it.
     usable
-        The cameras that vote; the others miss nothing, as if their silhouettes were the picture.
+        The cameras that count; for the others the silhouette is the whole picture.
     """
     factor = max(1, -(-silhouettes.shape[3] // _MOST_COLUMNS))
     if factor > 1:
         silhouettes, projection = _reduced(silhouettes, projection, factor)
-    voters = np.zeros(projection.cameras, np.bool_)
-    voters[list(usable)] = True
-    area = silhouettes.sum(axis=(2, 3)) * voters
+    usable_cameras = np.zeros(projection.cameras, np.bool_)
+    usable_cameras[list(usable)] = True
+    area = silhouettes.sum(axis=(2, 3)) * usable_cameras
     away = np.linalg.norm(camera_centers(projection) - center_m, axis=1)
     width = np.sqrt(area) * away / projection.intrinsics[:, 0, 0]
-    shown = silhouettes | ~voters[:, None, None]
-    return Scene(shown, projection, float(np.median(width[area > 0])) / 30)
+    shown = silhouettes | ~usable_cameras[:, None, None]
+    return Scene(shown, projection, float(np.median(width[area > 0])) / _VOXELS_ACROSS)
 
 
 def _reduced(
@@ -96,29 +107,30 @@ def _reduced(
     inner[:, :2] /= factor
     inner[:, :2, 2] += 0.5 / factor - 0.5
     small = Projection(projection.camera_from_world, inner, projection.distortion, size)
-    return blocks.mean(axis=(3, 5)) >= 0.5, small
+    return blocks.mean(axis=(3, 5)) >= _FILLED, small
 
 
-def collect_votes(
+def measure_voxel_consistency(
     scene: Scene,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
     *,
-    most_misses: int = 2,
+    most_outside: int = 2,
     min_cameras: int = 3,
-) -> list[Votes]:
-    """Return the votes of each frame on the voxels of a box.
+) -> list[VoxelConsistency]:
+    """Return the voxels of a box that few cameras film outside their silhouettes, frame by frame.
 
     Parameters
     ----------
     scene
-        The silhouettes; where a camera has none in a frame, it misses everything it sees.
+        The silhouettes; where a camera has none in a frame, all that it sees is outside.
     low, high : (3,) float64
         Corners of the box, m.
-    most_misses
+    most_outside
         A voxel that more cameras film outside their silhouettes is left out.
     min_cameras
-        So is one that fewer cameras film inside, or, where a camera misses, fewer than half.
+        So is one that fewer cameras film inside, or, where a camera films it outside, fewer than
+        half.
     """
     edge = scene.voxel_m * 2**_HALVINGS
     while np.prod(np.ceil((high - low) / edge)) > _MOST_BOXES:
@@ -129,17 +141,19 @@ def collect_votes(
     seen = (images[0] != _UNSEEN).sum(axis=0) >= min_cameras
     boxes, images = boxes[seen], (images[0][:, seen], images[1][:, seen])
     return [
-        _halved(scene, silhouettes, boxes, images, edge, most_misses, min_cameras)
+        _halved(scene, silhouettes, boxes, images, edge, most_outside, min_cameras)
         for silhouettes in scene.silhouettes
     ]
 
 
-def hull_of(votes: Votes, cameras: Iterable[int], min_cameras: int) -> NDArray[np.bool_]:
+def hull_of(
+    voxels: VoxelConsistency, cameras: Iterable[int], min_cameras: int
+) -> NDArray[np.bool_]:
     """Return (voxel,) whether a voxel is in the visual hull of some of the cameras.
 
     Parameters
     ----------
-    votes
+    voxels
         Of a frame.
     cameras
         Their numbers.
@@ -148,23 +162,27 @@ def hull_of(votes: Votes, cameras: Iterable[int], min_cameras: int) -> NDArray[n
     """
     chosen = list(cameras)
     bits = np.asarray(sum(1 << c for c in chosen), np.uint64)
-    seen = np.bitwise_count(votes.seen & bits)
-    return (votes.missed & bits == 0) & (seen >= min(min_cameras, len(chosen)))
+    seen = np.bitwise_count(voxels.seen & bits)
+    return (voxels.outside & bits == 0) & (seen >= min(min_cameras, len(chosen)))
 
 
-def draw_hull(votes: Votes, hull: NDArray[np.bool_], camera: int, scene: Scene) -> Any:
+def draw_hull(voxels: VoxelConsistency, hull: NDArray[np.bool_], camera: int, scene: Scene) -> Any:
     """Return (row, column) bool what a camera films of a hull, which may be drawn a bit large."""
     rows, columns = scene.silhouettes.shape[2:]
-    number = votes.pixel[camera, hull]
+    number = voxels.pixel[camera, hull]
     image = np.zeros(rows * columns, np.uint8)
     image[number[number != _UNSEEN]] = 1
-    side = 2 * int(votes.reach_px[camera]) + 1
+    side = 2 * int(voxels.reach_px[camera]) + 1
     drawn: Any = cv2.dilate(image.reshape(rows, columns), np.ones((side, side), np.uint8))
     return drawn.astype(np.bool_)
 
 
 def compare_hull(
-    scene: Scene, votes: Sequence[Votes], cameras: Sequence[int], camera: int, min_cameras: int
+    scene: Scene,
+    voxels: Sequence[VoxelConsistency],
+    cameras: Sequence[int],
+    camera: int,
+    min_cameras: int,
 ) -> tuple[float, float]:
     """Return how the hull of some cameras, over all frames, fits the silhouettes of one.
 
@@ -176,7 +194,7 @@ def compare_hull(
         Intersection over union.
     """
     both = either = total = 0
-    for each, silhouettes in zip(votes, scene.silhouettes, strict=True):
+    for each, silhouettes in zip(voxels, scene.silhouettes, strict=True):
         drawn = draw_hull(each, hull_of(each, cameras, min_cameras), camera, scene)
         both += int((drawn & silhouettes[camera]).sum())
         either += int((drawn | silhouettes[camera]).sum())
@@ -203,10 +221,10 @@ def _halved(
     boxes: NDArray[np.float64],
     images: tuple[NDArray[np.int64], NDArray[np.float64]],
     edge: float,
-    most_misses: int,
+    most_outside: int,
     min_cameras: int,
-) -> Votes:
-    """Return the votes of a frame, from boxes that are halved until they are voxels."""
+) -> VoxelConsistency:
+    """Return what is kept of a frame, from boxes that are halved until they are voxels."""
     away = np.stack([_distance(silhouette) for silhouette in silhouettes])
     corner = np.stack(np.meshgrid(*[[-0.25, 0.25]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     while True:
@@ -214,12 +232,12 @@ def _halved(
         last = edge < 1.5 * scene.voxel_m
         reach = 0.0 if last else _reach(scene.projection, depth, edge * np.sqrt(3))
         seen = number != _UNSEEN
-        missed = seen & (np.take_along_axis(away, np.maximum(number, 0), axis=1) > reach)
-        misses = missed.sum(axis=0)
-        inside = seen.sum(axis=0) - misses
+        outside = seen & (np.take_along_axis(away, np.maximum(number, 0), axis=1) > reach)
+        outsiders = outside.sum(axis=0)
+        inside = seen.sum(axis=0) - outsiders
         # else a few cameras that look past each other would keep half of the room
-        least = np.where(misses > 0, max(min_cameras, len(seen) // 2), min_cameras)
-        keep = (misses <= most_misses) & (inside >= least)
+        least = np.where(outsiders > 0, max(min_cameras, len(seen) // 2), min_cameras)
+        keep = (outsiders <= most_outside) & (inside >= least)
         if last:
             break
         boxes = (boxes[keep][:, None] + corner * edge).reshape(-1, 3)
@@ -228,10 +246,10 @@ def _halved(
     bits = np.uint64(1) << np.arange(len(silhouettes), dtype=np.uint64)[:, None]
     near = [d[ahead] for d, ahead in zip(depth[:, keep], seen[:, keep], strict=True)]
     middle = np.array([[np.median(d) if len(d) else np.inf] for d in near])
-    return Votes(
+    return VoxelConsistency(
         boxes[keep],
         np.where(seen[:, keep], bits, np.uint64(0)).sum(axis=0, dtype=np.uint64),
-        np.where(missed[:, keep], bits, np.uint64(0)).sum(axis=0, dtype=np.uint64),
+        np.where(outside[:, keep], bits, np.uint64(0)).sum(axis=0, dtype=np.uint64),
         number[:, keep],
         np.rint(_reach(scene.projection, middle, edge)[:, 0]).astype(np.int64) - 1,
     )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.geometry.projection import Projection
+from tasks.geometry.projection import Projection, bend_point
 from tasks.reconstruction.boxes.bits import WORD
 from tasks.reconstruction.boxes.integral_images import count_pixels
 from tasks.reconstruction.boxes.lens_bounds import lens_table
@@ -81,7 +81,8 @@ def carve_boxes(
     axes
         (x,), (y,) and (z,) coordinates of the grid's voxel centers, m.
     rule
-        How many cameras that see a voxel may miss it, and how many must see it.
+        How many cameras that see a voxel may film it outside their silhouettes, and how many must
+        see it.
 
     Returns
     -------
@@ -122,16 +123,11 @@ def _project(lens: Any, c: Any, points: Any, count: Any) -> None:
         s[n] = u[n] * u[n] + v[n] * v[n] if ahead else np.inf
     if radius < np.inf:
         k1, k2, p1, p2 = lens[c, 5, 0], lens[c, 5, 1], lens[c, 5, 2], lens[c, 5, 3]
-        k3, k4, k5, k6 = lens[c, 6, 0], lens[c, 6, 1], lens[c, 6, 2], lens[c, 6, 3]
+        k = (k1, k2, p1, p2, lens[c, 6, 0], lens[c, 6, 1], lens[c, 6, 2], lens[c, 6, 3])
         for n in range(count):
-            a, b = u[n], v[n]
             seen = s[n] <= radius * radius
             q = s[n] if seen else 0.0
-            f = 1 + q * (k1 + q * (k2 + q * k3))
-            f /= 1 + q * (k4 + q * (k5 + q * k6))
-            ab = a * b
-            u[n] = a * f + (2 * p1 * ab + p2 * (q + 2 * a * a))
-            v[n] = b * f + (p1 * (q + 2 * b * b) + 2 * p2 * ab)
+            u[n], v[n] = bend_point(u[n], v[n], q, k)
             s[n] = q if seen else np.inf
     for n in range(count):
         column = np.floor(lens[c, 3, 0] * u[n] + lens[c, 3, 1] * v[n] + lens[c, 3, 2] + 0.5)
@@ -192,7 +188,10 @@ def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) ->
 
 @njit(cache=True, nogil=True)
 def _bend_box(lens: Any, c: Any, middle: Any, half: Any, bend: Any) -> Any:
-    """Return the middle of a box's image after the lens, and bounds of its half sizes."""
+    """Return the middle of a box's image after the lens, and bounds of its half sizes.
+
+    It is the formula of `bend_point` once more, for the derivatives stand on its parts.
+    """
     a, b = middle
     da, db = half
     k1, k2, p1, p2 = lens[c, 5, 0], lens[c, 5, 1], lens[c, 5, 2], lens[c, 5, 3]

@@ -15,17 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
+from storage.schema import JOINTS
+from tasks.body.anatomy.segments import CARRIERS
 from tasks.engine.kernels import njit
 from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""
 
-ARM_LABELS = tuple(CARRIERS[JOINT_NAMES.index(name)] + 1 for name in _BONES)
+ARM_LABELS = tuple(CARRIERS[JOINTS.index(name)] + 1 for name in _BONES)
 """The labels of the voxels that `move_to_ends` looks at."""
 
-_INFERRED = tuple(k for k, name in enumerate(JOINT_NAMES) if name[1:] in ("Wrist", "Ankle", "Heel"))
+_INFERRED = tuple(k for k, name in enumerate(JOINTS) if name[1:] in ("Wrist", "Ankle", "Heel"))
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def move_to_ends(
     """
     moved = np.array(joint, np.float64)
     for name, base in _BONES.items():
-        tip, root = JOINT_NAMES.index(name), JOINT_NAMES.index(base)
+        tip, root = JOINTS.index(name), JOINTS.index(base)
         bone = moved[tip] - moved[root]
         length = float(np.linalg.norm(bone))
         if not length > 0:  # NaN, too
@@ -159,7 +160,7 @@ def track_stature(track: NDArray[np.floating]) -> float:
 
     1.6 m where no frame has all joints that it is measured by.
     """
-    stature = measure_stature(track, JOINT_NAMES)
+    stature = measure_stature(track, JOINTS)
     return stature if math.isfinite(stature) else DEFAULT_STATURE_M
 
 

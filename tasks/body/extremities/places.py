@@ -149,7 +149,7 @@ def find_extremities(
     stature_m
         The performer's height.
     joints : mapping of (3,) float64
-        The initial model: metres, by the names of the archive; `skin.NEEDED_JOINTS` are used.
+        The initial model: metres, by the names of the archive; `skin.SKIN_JOINTS` are used.
     initial_frame
         The frame that the initial model is of; the hands' sides are decided there.
     settings

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.body.anatomy.nearest_bones import NEEDED, label_points
+from tasks.body.anatomy.nearest_bones import PLACED_JOINTS, label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
 from tasks.body.initial.joints import bones_inside, find_joints
@@ -146,7 +146,7 @@ def model_from_joints(
     place = np.array(position, np.float64)
     joints = dict(zip(JOINTS, place, strict=True))
     faults = []
-    missing = [name for name in NEEDED if not np.isfinite(joints[name]).all()]
+    missing = [name for name in PLACED_JOINTS if not np.isfinite(joints[name]).all()]
     if missing:
         faults.append(f"{', '.join(missing)} must be placed")
     distance = KDTree(point).query(np.where(np.isfinite(place), place, 1e9))[0]
@@ -192,7 +192,7 @@ def label_from_joints(
         There is no such frame, or one of the other joints is missing.
     """
     joints = {name: np.asarray(p, np.float64) for name, p in zip(JOINTS, position, strict=True)}
-    missing = [name for name in NEEDED if not np.isfinite(joints[name]).all()]
+    missing = [name for name in PLACED_JOINTS if not np.isfinite(joints[name]).all()]
     if missing:
         raise ValueError(f"voxels cannot be labelled without {', '.join(missing)}; place them")
     return label_points(voxel_centers(grid, voxel_index(runs, frame)), complete_joints(joints))

@@ -21,8 +21,8 @@ stretched when it is asked, the knees need not be."""
 
 HEAD_ABOVE_ARMS = 0.20
 """From the line of stretched arms up to the top of the head [statures]. 0.182 by Drillis and
-Contini to the shoulders' upper ends; with the span it tells the stature of somebody who crouches.
-"""
+Contini to the shoulders' upper ends; with the span it tells the stature of somebody who
+crouches."""
 
 USUAL_REACH = 2.4
 """Half the span, usually [heights of the head above the arms' line]. 2.85 by Drillis and Contini to

@@ -70,8 +70,8 @@ class SurfaceFrame:
     """(surface voxel, 3) RGB."""
 
     camera: NDArray[np.uint8]
-    """(surface voxel,) the camera that saw the color; `NO_CAMERA` where it is not the voxel's own.
-    """
+    """(surface voxel,) the camera that saw the color; `NO_CAMERA` where it is not the voxel's
+    own."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from storage.schema import JOINTS
 from tasks.body.anatomy.segments import CARRIERS
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Share, check_ranges
 from tasks.motion.stature import DEFAULT_STATURE_M, measure_stature
 
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
@@ -27,6 +28,7 @@ ARM_LABELS = tuple(CARRIERS[JOINTS.index(name)] + 1 for name in _BONES)
 """The labels of the voxels that `move_to_ends` looks at."""
 
 _INFERRED = tuple(k for k, name in enumerate(JOINTS) if name[1:] in ("Wrist", "Ankle", "Heel"))
+"""The joints that are nowhere to be seen in a hull."""
 
 
 @dataclass(frozen=True)
@@ -36,42 +38,31 @@ class JointTrackSettings:
     Raises
     ------
     ValueError
-        If a number is not finite or out of range.
+        If a number is not finite or out of its range.
     """
 
-    radius: float = 0.055
-    """How far from the bone a voxel may be to be its end, statures: 9 cm of 1.7 m, half a head
-    or a hand's length across; a sleeve hangs lower."""
+    radius: NotNegative = 0.055
+    """How far from the bone a voxel may be to be its end [statures]. 9 cm of 1.7 m, half a head or
+    a hand's length across; a sleeve hangs lower."""
 
-    most_change: float = 0.04
-    """How far along the bone an end is moved at most, statures: 7 cm of 1.7 m, as much as
-    fingers that are bent."""
+    most_change: NotNegative = 0.04
+    """How far along the bone an end is moved at most [statures]. 7 cm of 1.7 m, as much as fingers
+    that are bent."""
 
-    end_share: float = 0.98
-    """Share of the voxels along the bone that are before its end: the rest are stray."""
+    end_share: Share = 0.98
+    """How many of the voxels along the bone are before its end. The rest are stray; chosen by eye
+    on the shared captures, not measured."""
 
-    least_voxels: int = 30
-    """Voxels along a bone with which its end is measured at all."""
+    least_voxels: Count = 30
+    """Voxels along a bone with which its end is measured at all. Chosen by eye on the shared
+    captures; not measured."""
 
-    least_quality: float = 0.4
-    """Share of a segment's voxels that fit, below which what it carries unseen is inferred: an
+    least_quality: Share = 0.4
+    """How many of a segment's voxels must fit, else what it carries unseen is inferred. An
     ellipsoid of its own voxels holds 0.75 of them."""
 
     def __post_init__(self) -> None:
-        faults = [
-            f"{name} {getattr(self, name)} must be finite and 0 or more"
-            for name in ("radius", "most_change")
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0)
-        ]
-        faults += [
-            f"{name} {getattr(self, name)} must be from 0 to 1"
-            for name in ("end_share", "least_quality")
-            if not 0 <= getattr(self, name) <= 1
-        ]
-        if self.least_voxels < 1:
-            faults.append(f"least_voxels {self.least_voxels} must be 1 or more")
-        if faults:
-            raise ValueError(f"no joint track can be made so: {'; '.join(faults)}")
+        check_ranges(self)
 
 
 def move_to_ends(

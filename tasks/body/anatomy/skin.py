@@ -100,9 +100,9 @@ class SkinSettings:
     is 55 times likelier there."""
 
     few: Positive = 0.2
-    """Voxels of both hands below which they are believed the less, as a share of the face's. The
-    hull has lost such hands. Of twelve generated takes ten have 0.5 to 1.6, and two that lost the
-    hands 0 to 0.02."""
+    """Voxels of both hands below which they are believed the less [as of the face]. The hull has
+    lost such hands. Of twelve generated takes ten have 0.5 to 1.6, and two that lost the hands 0 to
+    0.02."""
 
     useless: Share = 0.4
     """How well hands are told from clothes, as a share of how well the face is, below which they

@@ -77,7 +77,8 @@ class InitialModelSettings:
     search_s: Positive = 1.0
     """Frames that begin within this time are looked at. The pose is held at the beginning."""
     frames: Count = 8
-    """How many of them are looked at, evenly spread. Neighbors differ little."""
+    """How many frames of the first `search_s` are looked at, evenly spread. Neighbors differ
+    little."""
     reach: Positive = 0.35
     """How far from the middle an arm reaches at least [heights of the performer]. Stretched ones
     reach 0.45 to 0.57 (crouching), hanging ones 0.2."""

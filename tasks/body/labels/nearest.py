@@ -1,8 +1,8 @@
 """The labeled voxel that is nearest to each of others, found column by column.
 
-The voxel of a line along z that is nearest to a place is known at once; so no more columns are
-looked at than are as near as what was found, however many voxels these hold. What is far from all
-voxels is compared with boxes around some lines each, the nearest box first.
+The voxel of a line along z that is nearest to a place is known at once. So columns are looked at
+only as far as the nearest voxel found so far, however many voxels they hold. A place that is far
+from all voxels is compared with boxes, each around some lines, the nearest box first.
 """
 
 from typing import Any
@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-_REACH = 10  # columns within which they are looked at in the order of their distance
-_TOGETHER = 16  # lines in a box
+_REACH = 10
+"""How far around columns are looked at in the order of their distance [voxels]. Farther voxels are
+few."""
+
+_TOGETHER = 16
+"""Lines in a box."""
 
 
 def _columns_around() -> NDArray[np.int64]:
@@ -27,9 +31,16 @@ def _columns_around() -> NDArray[np.int64]:
 
 
 _AROUND = _columns_around()
-_BITS = 32  # of a key, for the place in the list
+"""(column, 3) the columns that are looked at."""
+
+_BITS = 32
+"""Bits of a key that hold the place in the list."""
+
 _PLACE = 2**_BITS - 1
+"""The bits of a key that hold the place."""
+
 _FAR = 2**62
+"""A key that is larger than every other."""
 
 
 def copy_nearest(

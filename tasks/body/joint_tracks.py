@@ -147,9 +147,9 @@ def build_joint_track(
 
 
 def track_stature(track: NDArray[np.floating]) -> float:
-    """Return the stature of a take, metres: the median over frames, of DESIGN's section 6.
+    """Return the stature of a take, metres: the median over frames (`measure_stature`).
 
-    1.6 m where no frame has all joints that it is measured by.
+    It is `DEFAULT_STATURE_M` where no frame has all joints that it is measured by.
     """
     stature = measure_stature(track, JOINTS)
     return stature if math.isfinite(stature) else DEFAULT_STATURE_M
@@ -157,7 +157,7 @@ def track_stature(track: NDArray[np.floating]) -> float:
 
 @njit(cache=True, nogil=True)
 def _ways(center: Any, label: Any, root: Any, bone: Any, limits: Any) -> Any:
-    """Return how far along a bone the voxels of a label are that are near it and not before it."""
+    """Return how far along a bone the voxels of a label are that are near it, beyond its root."""
     own, radius = limits
     along = np.empty(len(center))
     found = 0

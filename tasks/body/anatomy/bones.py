@@ -143,7 +143,7 @@ def _on(a: Any, v: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _rotation(vector: Any) -> Any:
-    """Return the rotation of a rotation vector (Rodrigues)."""
+    """Return the rotation about a vector by its length (Rodrigues)."""
     angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     out = np.eye(3)
     if angle < 1e-12:
@@ -159,7 +159,7 @@ def _rotation(vector: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _vector(rotation: Any) -> Any:
-    """Return the rotation vector of a rotation, by way of the quaternion."""
+    """Return the axis of a rotation times its angle, by way of the quaternion."""
     q = np.empty(4)
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
     if trace > 0:

@@ -207,7 +207,7 @@ def _mean_of(joint: NDArray[np.float64], names: tuple[str, ...]) -> NDArray[np.f
 
 
 def _facing(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the unit way a body faces and its unit way up, from the segments' joints."""
+    """Return the directions in which a body faces and stands, unit vectors, from its joints."""
     neck, right, left, right_hip, left_hip = position[[1, 3, 5, 7, 9]]
     up = neck - (right_hip + left_hip) / 2
     forward = np.cross(left - right + left_hip - right_hip, up)
@@ -217,7 +217,7 @@ def _facing(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 def _axes_along(
     x: NDArray[np.float64], forward: NDArray[np.float64], up: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return axes in columns: a given X, and Z as near to forward (else to up) as it can be."""
+    """Return axes in columns: X is given, Z is as near as it can be to forward, else to up."""
     z = forward - (forward @ x) * x
     if np.linalg.norm(z) < _LEAST_SINE:
         z = up - (up @ x) * x

@@ -198,7 +198,7 @@ def check_joints(joints: Mapping[str, NDArray[np.float64]], stature_m: float) ->
 def find_hands(
     joints: Mapping[str, NDArray[np.float64]], stature_m: float
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return wrist and fingertip, (3,) each, of the right and the left hand.
+    """Return wrist and finger tip, (3,) each, of the right and the left hand.
 
     A wrist that is not known is a hand's length before the fingertip, toward the shoulder.
     """
@@ -281,7 +281,7 @@ def separability(
     *,
     least: float,
 ) -> float:
-    """Return the share of own colors that are recognized less that of others.
+    """Return the share of own colors that are recognized, less the share of others that are.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ class Arms:
         return np.cross(self.left, [0.0, 1.0, 0.0])
 
     def along(self, side: int, share: float) -> Points:
-        """Return the point (3,) of an arm's line that is a share of half the span from the middle.
+        """Return the point (3,) of an arm's line at a share of half the span from the middle.
 
         An arm that reaches less far than half the span is shorter everywhere beyond its shoulder.
         """

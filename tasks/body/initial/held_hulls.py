@@ -157,7 +157,7 @@ def beyond_others(bodies: Sequence[NDArray[np.integer]], cell: int) -> NDArray[n
 def pieces_of_body(
     index: NDArray[np.integer], piece: NDArray[np.integer], voxel_m: float
 ) -> NDArray[np.bool_]:
-    """Return (piece,) True for the largest piece, those above or below it, and torn-off shanks.
+    """Return which pieces are the body's (piece,): the largest, those above or below it, shanks.
 
     A piece beside the body is not taken for a part of it: it is a thing, or a ghost of two limbs.
     Only a piece that stands on the floor like the end of a leg without its thigh is.

@@ -148,7 +148,7 @@ def _share_inside(joints: Mapping[str, Points], depths: Depths) -> float:
 
 
 def bones_inside(joints: Mapping[str, Points], point: Points, voxel_m: float) -> float:
-    """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
+    """Return the share of the bones' lengths that is no farther than a voxel from a point."""
     return float((KDTree(point).query(_along_bones(joints))[0] <= voxel_m).mean())
 
 

@@ -156,13 +156,13 @@ def carry_back(
 
 
 def _distance(of: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance of True cells from the nearest False one."""
+    """Return how far each True cell is from the nearest False one."""
     return np.asarray(distance_transform_edt(of))
 
 
 @njit(cache=True, nogil=True)
 def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, values: Any) -> None:
-    """Write the value of the nearest bone of each voxel, stretch after stretch along z in a cube.
+    """Write the value of each voxel's nearest bone, cube after cube along each line.
 
     `boxes`: where the cells of each bone begin, and their sides.
     """
@@ -205,7 +205,7 @@ def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, v
 
 @njit(cache=True, nogil=True)
 def _look(ends: Any, near: Any, known: Any, back: Any, boxes: Any, distance: Any) -> Any:
-    """Return which of the bones of a cube two voxels are deepest in or nearest to.
+    """Return the bones of a cube in which two voxels are deepest, or to which they are nearest.
 
     `ends`: the one, and how much farther along z the other is. Beyond its box a bone is as far as
     at the rim.
@@ -253,7 +253,7 @@ def _cubes_around(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bounds: Any) -> None:
-    """Write how near each bone may be somewhere in a ball; infinity where another is nearer."""
+    """Write how near a ball each bone may be; infinity for a bone that is nowhere the nearest."""
     unit, lower = bounds
     x, y, z = middle
     least = _FULL
@@ -279,7 +279,7 @@ def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bound
 
 @njit(cache=True, nogil=True)
 def _choose(lower: Any, known: Any, cube: Any) -> Any:
-    """Write which bones may be the nearest somewhere in a cube; return how many they are."""
+    """Write the bones that may be the nearest somewhere in a cube; return how many they are."""
     near = 0
     for b in range(len(lower)):
         if lower[b] < np.inf:

@@ -130,7 +130,7 @@ def make_body_fields(
     joints: Mapping[str, NDArray[np.floating]],
     voxel_m: float,
 ) -> BoneFields:
-    """Return what labels the voxels of other frames: the body of the initial one.
+    """Return the body of the initial frame, by which the voxels of other frames are labeled.
 
     Cloth around arms and legs is left out: it hangs elsewhere in another pose.
 

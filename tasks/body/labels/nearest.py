@@ -65,7 +65,7 @@ def copy_nearest(
 
 
 def fill_from_nearest(label: NDArray[np.uint8], lines: VoxelLines) -> None:
-    """Write the label of the nearest labeled voxel for each voxel with 0.
+    """Write the label of the nearest labeled voxel into each voxel with 0.
 
     Of equally near voxels the first in order is taken.
 
@@ -81,7 +81,7 @@ def fill_from_nearest(label: NDArray[np.uint8], lines: VoxelLines) -> None:
 
 @njit(cache=True, nogil=True)
 def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None:
-    """Write the label of the nearest voxel before, for each voxel."""
+    """Write for each voxel the label of the nearest voxel of the other frame."""
     start, box = _columns_of(before)
     corners = _boxes_of(before)
     key = np.empty(_longest(lines), np.int64)
@@ -114,7 +114,7 @@ def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None
 
 @njit(cache=True, nogil=True)
 def _fill(lines: Any, label: Any, around: Any) -> None:
-    """Write the label of the nearest labeled voxel into lines without."""
+    """Write the label of the nearest labeled voxel into each voxel of lines without labels."""
     is_lost = np.empty(len(lines), np.bool_)
     for line in range(len(lines)):
         is_lost[line] = label[lines[line, FIRST]] == 0
@@ -142,7 +142,7 @@ def _longest(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _columns_of(lines: Any) -> Any:
-    """Return each column's first line (one more), in a box, and the box: corner x, y and sides."""
+    """Return the first line of each column of a box (one more at the end), and the box itself."""
     low, high = lines[0, Y], lines[0, Y]
     for line in range(len(lines)):
         low, high = min(low, lines[line, Y]), max(high, lines[line, Y])
@@ -160,7 +160,7 @@ def _columns_of(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _boxes_of(lines: Any) -> Any:
-    """Return (box, 6) the first and the last index along x, y and z of lines that are together."""
+    """Return (box, 6) the first and the last index along x, y and z of each group of lines."""
     corners = np.empty(((len(lines) - 1) // _TOGETHER + 1, 6), np.int32)
     corners[:, :3], corners[:, 3:] = 2**31 - 1, -(2**31)
     for line in range(len(lines)):
@@ -218,7 +218,7 @@ def _find_far(voxels: Any, lines: Any, corners: Any, key: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _take_nearer(ahead: Any, beside: Any, lines: Any, line: Any, size: Any, key: Any) -> Any:
-    """Write the keys of a line's voxels where these are less; return the largest that is left."""
+    """Write the keys of a line's voxels where they are less; return the largest key left."""
     most, last, place = np.int64(0), np.int64(lines[line, LENGTH] - 1), np.int64(lines[line, FIRST])
     for n in range(size):
         step = min(max(ahead + n, 0), last)

@@ -161,7 +161,7 @@ def label_provisionally(
 
 @njit(cache=True, nogil=True)
 def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
-    """Give rings of neighbors to the segment furthest below its share, until none is."""
+    """Give rings of neighbors to the segment furthest below its share, until none is below."""
     enough, most_rings = limits
     stretch, count = _find_stretches(label, lines)
     wanted = share * (len(label) - count[0])
@@ -199,7 +199,7 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _find_stretches(label: Any, lines: Any) -> Any:
-    """Return line, first voxel, end and label of each stretch of a label; and labels' counts."""
+    """Return line, first voxel, end and label of each stretch, and the voxels of each label."""
     turn = np.empty(len(label) + 1, np.int32)  # voxels with another label than the one before
     turns = 0
     for n in range(1, len(label)):
@@ -223,7 +223,7 @@ def _find_stretches(label: Any, lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _sort_by_label(stretch: Any, place: Any, lines: Any) -> Any:
-    """Return place in the box and length of each stretch, label by label, and where these begin."""
+    """Return place and length of each stretch in the box, and where those of each label begin."""
     begin = np.zeros(257, np.int64)
     for s in range(len(stretch)):
         begin[stretch[s, 3] + 1] += 1
@@ -294,7 +294,7 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
-    """Write the labeled voxels next to what is left of a label's stretches; return how many."""
+    """Write the voxels beside what a label has left of its stretches; return how many they are."""
     size = 0
     for s in range(len(stretch)):
         begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 1]
@@ -310,7 +310,7 @@ def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _add_gained(box: Any, step: Any, own: Any, gained: Any, ring: Any, marks: Any) -> Any:
-    """Write the labeled voxels next to what a label gained and has; return how much each is."""
+    """Write the voxels beside those that a label gained; return how many it kept and the ring's."""
     member, end = gained
     voxels, size = ring
     kept = 0
@@ -342,7 +342,7 @@ def _add_beside(box: Any, step: Any, voxel: Any, ring: Any, size: Any, marks: An
 
 @njit(cache=True, nogil=True)
 def _take(box: Any, step: Any, own: Any, taken: Any, count: Any, marks: Any) -> None:
-    """Give voxels to a label; whether those beside them are enclosed is no more known."""
+    """Give voxels to a label, and forget of those beside them whether they are enclosed."""
     for voxel in taken:
         count[box[voxel]] -= 1
         box[voxel] = own

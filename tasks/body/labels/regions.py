@@ -114,7 +114,7 @@ def _find_stretches(label: Any, lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _find_columns(stretch: Any) -> Any:
-    """Return each column's first stretch (one more), and the columns towards -y, +y, -x, +x."""
+    """Return the first stretch of each column (one more at the end), and the columns around it."""
     column = np.empty(len(stretch) + 1, np.int32)
     count = 0
     for s in range(len(stretch)):
@@ -187,7 +187,7 @@ def first_of(first: Any, one: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _find_neighbors(stretch: Any, column: Any, beside: Any, count: Any) -> Any:
-    """Return the voxels of the stretches without label, and their neighbors in all six ways."""
+    """Return the voxels without a label, and the neighbors of each in all six directions."""
     voxel, around = np.empty(count, np.int32), np.full((count, 6), NOBODY, np.int32)
     begin = 0
     for c in range(len(beside)):
@@ -223,7 +223,7 @@ def _write_beside(stretch: Any, own: Any, part: Any, around: Any, begin: Any, wa
 
 @njit(cache=True, nogil=True)
 def _grow(label: Any, voxel: Any, around: Any) -> Any:
-    """Write labels into voxels without, ring by ring; return how many are not reached."""
+    """Write labels into voxels that have none, ring by ring; return how many are not reached."""
     waiting = np.arange(len(voxel))
     found = np.empty(len(voxel), np.uint8)
     left = len(voxel)

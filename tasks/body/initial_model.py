@@ -66,9 +66,7 @@ def model_take(
     if source.initial:
         found = _given_model(source.initial, frames)
     else:
-        first = range(
-            min(len(frames), math.ceil((settings.search_s + settings.held_s) * source.fps) + 1)
-        )
+        first = range(min(len(frames), math.ceil(settings.looked_at_s * source.fps)))
         found = find_initial_model(
             join_runs([frames.hull(n) for n in first]),
             frames.grid,

@@ -8,7 +8,6 @@ them fits badly they are flagged as filled. The paper has no such track; the joi
 retrieval paper's.
 """
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,9 +19,11 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import Block, Written, read_block, write_block
 from storage.formats.capture.capture import capture_of
-from tasks.body.anatomy.segments import CARRIERS, JOINT_NAMES
+from storage.schema import JOINTS
+from tasks.body.anatomy.segments import CARRIERS
 from tasks.capture.films import grid_of
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Share, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxel_lines import labeled_centers, lines_of
 from tasks.reconstruction.voxel_frames import VoxelFrames
@@ -30,10 +31,11 @@ from tasks.reconstruction.voxel_frames import VoxelFrames
 _BONES = {"RFin": "RElbow", "LFin": "LElbow"}
 """The joints that are moved to their segment's end, and where the bone to each begins."""
 
-ARM_LABELS = tuple(CARRIERS[JOINT_NAMES.index(name)] + 1 for name in _BONES)
+ARM_LABELS = tuple(CARRIERS[JOINTS.index(name)] + 1 for name in _BONES)
 """The labels of the voxels that `move_to_ends` looks at."""
 
-_INFERRED = tuple(k for k, name in enumerate(JOINT_NAMES) if name[1:] in ("Wrist", "Ankle", "Heel"))
+_INFERRED = tuple(k for k, name in enumerate(JOINTS) if name[1:] in ("Wrist", "Ankle", "Heel"))
+"""The joints that are nowhere to be seen in a hull."""
 
 
 @dataclass(frozen=True)
@@ -43,42 +45,31 @@ class JointTrackSettings:
     Raises
     ------
     ValueError
-        If a number is not finite or out of range.
+        If a number is not finite or out of its range.
     """
 
-    radius: float = 0.055
-    """How far from the bone a voxel may be to be its end, statures: 9 cm of 1.7 m, half a head
-    or a hand's length across; a sleeve hangs lower."""
+    radius: NotNegative = 0.055
+    """How far from the bone a voxel may be to be its end [statures]. 9 cm of 1.7 m, half a head or
+    a hand's length across; a sleeve hangs lower."""
 
-    most_change: float = 0.04
-    """How far along the bone an end is moved at most, statures: 7 cm of 1.7 m, as much as
-    fingers that are bent."""
+    most_change: NotNegative = 0.04
+    """How far along the bone an end is moved at most [statures]. 7 cm of 1.7 m, as much as fingers
+    that are bent."""
 
-    end_share: float = 0.98
-    """Share of the voxels along the bone that are before its end: the rest are stray."""
+    end_share: Share = 0.98
+    """How many of the voxels along the bone are before its end. The rest are stray; chosen by eye
+    on the shared captures, not measured."""
 
-    least_voxels: int = 30
-    """Voxels along a bone with which its end is measured at all."""
+    least_voxels: Count = 30
+    """Voxels along a bone with which its end is measured at all. Chosen by eye on the shared
+    captures; not measured."""
 
-    least_quality: float = 0.4
-    """Share of a segment's voxels that fit, below which what it carries unseen is inferred: an
+    least_quality: Share = 0.4
+    """How many of a segment's voxels must fit, else what it carries unseen is inferred. An
     ellipsoid of its own voxels holds 0.75 of them."""
 
     def __post_init__(self) -> None:
-        faults = [
-            f"{name} {getattr(self, name)} must be finite and 0 or more"
-            for name in ("radius", "most_change")
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0)
-        ]
-        faults += [
-            f"{name} {getattr(self, name)} must be from 0 to 1"
-            for name in ("end_share", "least_quality")
-            if not 0 <= getattr(self, name) <= 1
-        ]
-        if self.least_voxels < 1:
-            faults.append(f"least_voxels {self.least_voxels} must be 1 or more")
-        if faults:
-            raise ValueError(f"no joint track can be made so: {'; '.join(faults)}")
+        check_ranges(self)
 
 
 def move_to_ends(
@@ -106,7 +97,7 @@ def move_to_ends(
     """
     moved = np.array(joint, np.float64)
     for name, base in _BONES.items():
-        tip, root = JOINT_NAMES.index(name), JOINT_NAMES.index(base)
+        tip, root = JOINTS.index(name), JOINTS.index(base)
         bone = moved[tip] - moved[root]
         length = float(np.linalg.norm(bone))
         if not length > 0:  # NaN, too
@@ -208,7 +199,7 @@ def track_take(
 
 @njit(cache=True, nogil=True)
 def _ways(center: Any, label: Any, root: Any, bone: Any, limits: Any) -> Any:
-    """Return how far along a bone the voxels of a label are that are near it and not before it."""
+    """Return how far along a bone the voxels of a label are that are near it, beyond its root."""
     own, radius = limits
     along = np.empty(len(center))
     found = 0

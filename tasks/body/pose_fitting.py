@@ -29,7 +29,6 @@ from tasks.body.extremities.places import (
     Extremities,
     ExtremitySettings,
     find_extremities,
-    hand_ends,
 )
 from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
@@ -134,7 +133,7 @@ def cues_of(seen: Extremities) -> dict[str, Any]:
     return {
         "cues": np.concatenate([seen.position, seen.foot], axis=1),
         "cue_weights": np.concatenate([seen.weight, seen.foot_weight], axis=1),
-        "hand_ends": hand_ends(seen.candidates),
+        "hand_ends": seen.hand_ends,
     }
 
 

@@ -4,6 +4,7 @@ The joints are those of the fit, before their ends are moved to those of the vox
 """
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -72,7 +73,7 @@ class Dancer:
     def model(self, settings: InitialModelSettings) -> InitialModel:
         """Return the initial model, found once for equal settings."""
         if settings not in self.initial:
-            first = min(len(self.runs), round(1.5 * self.rate_hz))
+            first = min(len(self.runs), math.ceil(settings.looked_at_s * self.rate_hz))
             self.initial[settings] = find_initial_model(
                 join_runs(self.runs[:first]), self.grid, self.rate_hz,
                 surfaces=self.indexed[:first], stature_m=self.stature_m, settings=settings,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.body.anatomy.skin import SurfaceFrame
+from tasks.body.anatomy.skin import LEAST_RATIO, SurfaceFrame
 
 SKIN, CLOTH, HAIR, GOLD, GLOVE = (
     (222, 176, 142),
@@ -76,3 +76,14 @@ def dancer(hands, rng, *, hand=SKIN, cloth=CLOTH, sash=None, shown=(True, True))
     color = color * rng.uniform(0.8, 1.0, (len(color), 1)) + rng.normal(0, 3, color.shape)
     camera = np.where(rng.random(len(place)) < 0.02, 255, 3).astype(np.uint8)
     return SurfaceFrame(place, np.clip(color, 0, 255).astype(np.uint8), camera)
+
+
+def skin_ratio(model, color):
+    """Return the logarithms of how much likelier colors (..., 3) are on hands, and on the face."""
+    r, g, b = (color[..., channel] >> 2 for channel in range(3))
+    return model.hand[r, g, b], model.face[r, g, b]
+
+
+def is_skin(model, color):
+    """Return where colors (..., 3) are skin."""
+    return np.maximum(*skin_ratio(model, color)) > LEAST_RATIO

@@ -15,23 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import SEGMENTS
 from tasks.engine.kernels import njit
 
-BONES = (
-    "Head", "Body", "Waist",
-    "RUpperArm", "RForeArm", "LUpperArm", "LForeArm",
-    "RUpperLeg", "RLowerLeg", "LUpperLeg", "LLowerLeg",
-    "RHand", "LHand", "RFoot", "LFoot",
-)  # fmt: skip
+BONES = (*SEGMENTS, "RHand", "LHand", "RFoot", "LFoot")
 """The bones: the eleven segments in the order of the archive, then what they leave apart."""
 
 BONE_NUMBER = {name: k for k, name in enumerate(BONES)}
+"""The place of each bone in that list."""
 
 PARENT = np.array([1, -1, 1, 1, 3, 1, 5, 2, 7, 2, 9, 4, 6, 8, 10])
-"""(bone,) the bone that each hangs on; -1 for the root."""
+"""(bone,) the bone that each bone hangs on; -1 for the root."""
 
 ORDER = np.array([1, 0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14])
-"""(bone,) parents before children."""
+"""(bone,) all bones, parents before children."""
 
 SEGMENT = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 4, 6, 8, 10])
 """(bone,) the segment that each bone's voxels belong to."""
@@ -72,7 +69,7 @@ def place_bones(pose: Pose, origin: Floats) -> Floats:
 
 
 def carry(pose: Pose, joints: Floats, bone: NDArray[np.integer], offset: Floats) -> Floats:
-    """Return (point, 3) where points are that ride on bones, `offset` from the joint at first."""
+    """Return (point, 3) where points that ride on bones are, at first `offset` from their joint."""
     return joints[bone] + np.einsum("pij,pj->pi", pose.rotation[bone], offset)
 
 
@@ -87,9 +84,10 @@ def vector_of(rotation: Floats) -> Floats:
 
 
 def extrapolate(before: Pose, now: Pose, share: float, root_share: float) -> Pose:
-    """Return the pose after `now` if its motion since `before` goes on by a share.
+    """Return the pose after `now` if the motion since `before` goes on by a share of itself.
 
-    The root bone's turn goes on by `root_share`, that of the others relative to it by `share`.
+    The root moves and turns on by `root_share`; every other bone turns on in its parent's frame by
+    `share`.
     """
     rotation = np.empty_like(now.rotation)
     _extrapolate(before.rotation, now.rotation, np.array([share, root_share]), rotation)
@@ -113,7 +111,7 @@ def blend(poses: Sequence[Pose], weights: Floats, near: Pose) -> Pose:
 
 @njit(cache=True, nogil=True)
 def times(a: Any, b: Any) -> Any:
-    """Return a b: for three by three, a call of the library costs more than the product."""
+    """Return the product a b of matrices (3, 3). The library's call costs more than the product."""
     out = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -124,7 +122,7 @@ def times(a: Any, b: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def over(a: Any, b: Any) -> Any:
-    """Return a b' of three by three."""
+    """Return the product of a matrix (3, 3) and the transpose of another."""
     out = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -135,7 +133,7 @@ def over(a: Any, b: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _on(a: Any, v: Any) -> Any:
-    """Return a v of three by three and three."""
+    """Return the product of a matrix (3, 3) and a vector (3,)."""
     out = np.zeros(3)
     for i in range(3):
         for j in range(3):
@@ -145,7 +143,7 @@ def _on(a: Any, v: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _rotation(vector: Any) -> Any:
-    """Return the rotation of a rotation vector (Rodrigues)."""
+    """Return the rotation about a vector by its length (Rodrigues)."""
     angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     out = np.eye(3)
     if angle < 1e-12:
@@ -161,7 +159,7 @@ def _rotation(vector: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _vector(rotation: Any) -> Any:
-    """Return the rotation vector of a rotation, by way of the quaternion."""
+    """Return the axis of a rotation times its angle, by way of the quaternion."""
     q = np.empty(4)
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
     if trace > 0:
@@ -213,7 +211,7 @@ def _local(rotation: Any, k: int) -> Any:
 
 @njit(cache=True, nogil=True)
 def _extrapolate(before: Any, now: Any, share: Any, out: Any) -> None:
-    """Write the rotations after `now`, each bone's motion in its parent's frame going on."""
+    """Write the rotations after `now` if each bone's motion in its parent's frame goes on."""
     for k in ORDER:
         here = _local(now, k)
         turned = _vector(over(here, _local(before, k)))

@@ -12,14 +12,39 @@ from scipy import ndimage
 from tasks.engine.kernels import njit
 
 CHROMA_STEP = 0.02
+"""Width of a cell in either chromaticity [share of the brightness]. Chosen by eye on the shared
+captures; not measured."""
+
 LIGHT_STEP = 32
+"""Height of a cell in lightness [levels of 0-255]. Coarse, for light changes; chosen by eye on the
+shared captures, not measured."""
+
 SHAPE = (100, 150, 8)
-COLORS = 100 * 150 * 8
+"""Cells of a histogram along red, blue and lightness: as many as all colors need."""
+
+COLORS = SHAPE[0] * SHAPE[1] * SHAPE[2]
 """How many cells a histogram has."""
-_ZERO = (50, 50, 0)
+
+GRAY_CELL = (50, 50, 0)
+"""The cell of black."""
+
+LUMA = (0.3, 0.59, 0.11)
+"""What red, green and blue add to lightness [shares]. ITU-R BT.601, to two digits."""
+
+LEAST_SUM = 24.0
+"""The sum of red, green and blue by which at least a chromaticity is divided [levels of 0-255].
+Black has no chromaticity; chosen by eye on the shared captures, not measured."""
+
+SPREAD = 0.8
+"""How far counts are spread over the cells around them, a standard deviation [cells]. Chosen by
+eye on the shared captures; not measured."""
+
+SPREAD_WITHIN = 3.0
+"""How far a count is spread at most [standard deviations]. Beyond is 0.3 % of it."""
 
 LEAST_PROBABILITY = 2e-5
-"""Probability of a color never seen, of whatever: it has a ratio of one."""
+"""Probability that a color has that was never seen [share]. Two such colors have a ratio of 1;
+chosen by eye on the shared captures, not measured."""
 
 
 def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -33,7 +58,7 @@ def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
 def count_colors(cell: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return (cell,) how many colors fall into each cell, spread over the cells around it."""
     count = np.bincount(cell, minlength=np.prod(SHAPE)).reshape(SHAPE).astype(np.float64)
-    return ndimage.gaussian_filter(count, 0.8, truncate=3.0).reshape(-1)
+    return ndimage.gaussian_filter(count, SPREAD, truncate=SPREAD_WITHIN).reshape(-1)
 
 
 def log_ratio(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,12 +101,12 @@ def _find_cells(color: Any, cell: Any) -> None:
     one = np.float32
     for n in range(len(color)):
         r, g, b = one(color[n, 0]), one(color[n, 1]), one(color[n, 2])
-        total = max(r + g + b, one(24.0))  # black has no chromaticity
+        total = max(r + g + b, one(LEAST_SUM))
         red = (r - g) / total / one(CHROMA_STEP)
         blue = (r + g - one(2.0) * b) / (one(2.0) * total) / one(CHROMA_STEP)
-        light = (one(0.3) * r + one(0.59) * g + one(0.11) * b) / one(LIGHT_STEP)
-        i = int(np.floor(np.float64(red) + _ZERO[0]))
-        j = int(np.floor(np.float64(blue) + _ZERO[1]))
-        k = int(np.floor(np.float64(light) + _ZERO[2]))
+        light = (one(LUMA[0]) * r + one(LUMA[1]) * g + one(LUMA[2]) * b) / one(LIGHT_STEP)
+        i = int(np.floor(np.float64(red) + GRAY_CELL[0]))
+        j = int(np.floor(np.float64(blue) + GRAY_CELL[1]))
+        k = int(np.floor(np.float64(light) + GRAY_CELL[2]))
         i, j = min(max(i, 0), SHAPE[0] - 1), min(max(j, 0), SHAPE[1] - 1)
         cell[n] = (i * SHAPE[1] + j) * SHAPE[2] + min(max(k, 0), SHAPE[2] - 1)

@@ -1,7 +1,6 @@
 """Label voxels by the bone they are nearest to, bones having the thickness of a body.
 
-Thicknesses are shares of the body's size, from the girths of adults over their statures
-(compare the radii in Drillis and Contini 1966). Neighbors on the trunk are parted by planes
+A bone's thickness is a share of the body's size (`THICK_BONES`). Planes part neighbors on the trunk
 where anatomy parts them: thickness says nothing there. Points are metres with y up.
 """
 
@@ -11,57 +10,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.body.anatomy.bones import BONE_NUMBER, Floats
-from tasks.body.anatomy.proportions import Points, body_size, unit
-
-BONES = (
-    (1, "Neck", "Head", 0.060, 0.055),
-    (2, "Waist", "Neck", 0.085, 0.060),
-    (3, "Hips", "Waist", 0.078, 0.085),
-    *((4 + 2 * k, f"{s}Shoulder", f"{s}Elbow", 0.024, 0.046) for k, s in enumerate("RL")),
-    *((5 + 2 * k, f"{s}Elbow", f"{s}Fin", 0.046, 0.046) for k, s in enumerate("RL")),
-    *((8 + 2 * k, f"{s}Hip", f"{s}Knee", 0.076, 0.032) for k, s in enumerate("RL")),
-    *((9 + 2 * k, f"{s}Knee", f"{s}Ankle", 0.032, 0.040) for k, s in enumerate("RL")),
-    *((9 + 2 * k, f"{s}Heel", f"{s}Foot", 0.022, 0.018) for k, s in enumerate("RL")),
+from tasks.body.anatomy.proportions import (
+    FLATNESS,
+    GROIN_RISE,
+    HUMERAL_HEAD,
+    RIBS_BELOW_TOP,
+    THICK_BONES,
+    Points,
+    body_size,
+    unit,
 )
-"""Label, first and last joint, and the bone's radius at both, in statures."""
-NEEDED = (
+
+PLACED_JOINTS = (
     *("Head", "Neck"),
     *(side + name for side in "RL" for name in ("Shoulder", "Elbow", "Fin", "Hip", "Knee", "Foot")),
 )
-"""The joints without which voxels cannot be labelled; the others are put in by proportion."""
+"""The joints without which voxels cannot be labelled. The others are put in by proportion."""
+
+LIMB_BONES = THICK_BONES[3:]
+"""The bones of arms and legs."""
+
 CLOTH_HANGS = 0.5
-"""Distance straight below an arm counts this much: sleeves hang from it."""
-GROIN_RISE = 0.9
-"""How far the border of waist and leg rises, to the outside, as tangent: along the groin."""
-FLATNESS = 0.70
-"""Depth of a trunk over its width."""
-RIBS_BELOW_TOP = 0.336
-"""From the top of the head to the border of body and waist, in statures: where the ribs end, midway
-between xiphion and omphalion (means of women and men, De Leva 1996). Told from the hips, which are
-at 0.51 in that table, the border would be off by a third of what a body's legs are longer."""
-NECK_REACH, SHOULDER_REACH = 0.12, 0.10
-"""How far from its joint the plane that parts the head, an arm, holds: half the breadth of the
-shoulders, the length from the shoulder to the armpit and some cloth; statures."""
-HUMERAL_HEAD = 0.014
-"""Radius of the head of the upper arm's bone, 23 mm (Boileau and Walch 1997); statures."""
+"""How much distance straight below an arm counts [share of other distance]. Sleeves hang from an
+arm; chosen by eye on the shared captures, not measured."""
+
+NECK_REACH = 0.12
+"""How far from the neck the plane holds that parts the head from the body [statures]. Half the
+breadth of the shoulders, and some cloth."""
+
+SHOULDER_REACH = 0.10
+"""How far from a shoulder the plane holds that parts an arm from the body [statures]. From the
+shoulder to the armpit, and some cloth."""
+
 CLOTH = 0.015
-"""How much thicker a limb is than its bone's radius at most, before it is cloth, statures."""
+"""How much farther from its bone than the radius a limb's voxel is at most [statures]. What is
+farther is cloth; chosen by eye on the shared captures, not measured."""
+
+FOOT_BEGINS = 0.03
+"""How far before the ankle a foot begins, and how far above the ankle it reaches there
+[statures]. Chosen by eye on the shared captures; not measured."""
 
 
 def label_points(
     point: Points, joints: Mapping[str, Points], *, whole_arms: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the label 1 to 11 (voxel,) of points (voxel, 3), given complete joints.
+    """Return the label 1 to 11 (voxel,) of points (voxel, 3) in a body with complete joints.
 
-    With `whole_arms` an arm has the head of its bone; without, it is cut through the shoulder's
-    joint, about which it turns.
+    With `whole_arms` an arm keeps the head of its bone. Without, a plane through the shoulder's
+    joint, about which the arm turns, cuts it off.
     """
     size = body_size(joints)
     places = {**joints, "Hips": (joints["RHip"] + joints["LHip"]) / 2.0}
     across = unit(joints["LShoulder"] - joints["RShoulder"])
     least = np.full(len(point), np.inf)
     label = np.zeros(len(point), np.uint8)
-    for number, first, last, thick, thin in BONES:
+    for number, first, last, thick, thin in THICK_BONES:
         start, bone = places[first], places[last] - places[first]
         share = np.clip((point - start) @ bone / max(float(bone @ bone), 1e-12), 0.0, 1.0)
         off = point - start - share[:, None] * bone
@@ -93,8 +96,8 @@ def is_limb(
         1 to 11; 0 is none.
     """
     size = body_size(joints)
-    limb = np.asarray(label) < BONES[3][0]
-    for number, first, last, thick, thin in BONES[3:]:
+    limb = np.asarray(label) < LIMB_BONES[0][0]
+    for number, first, last, thick, thin in LIMB_BONES:
         own = np.flatnonzero(label == number)
         start, bone = joints[first], joints[last] - joints[first]
         share = np.clip((point[own] - start) @ bone / max(float(bone @ bone), 1e-12), 0.0, 1.0)
@@ -109,10 +112,10 @@ def _cut_off_head_and_arms(
 ) -> None:  # fmt: skip
     """Part the body from head and upper arms, in place, by planes near the joints.
 
-    The neck is cut across. An arm that hangs is cut upright; one that is stretched from the inner
-    end of the shoulder, above, to the armpit, which is farther out.
+    One plane cuts the neck across. A hanging arm is cut upright. A stretched arm is cut from the
+    inner end of the shoulder, above, to the armpit, which is farther out.
 
-    sizes : the body's, and how far the arms' planes are inward of their joints, m
+    `sizes` are the body's, and how far the arms' planes are inward of their joints, m.
     """
     size, inward = sizes
     up = unit(places["Neck"] - places["Hips"])
@@ -132,7 +135,8 @@ def _cut_off_head_and_arms(
 def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.uint8]) -> None:
     """Part body, waist and upper legs, in place, by planes.
 
-    One halves the bend of the spine where the ribs end; one through each hip rises outwards.
+    One plane halves the bend of the spine where the ribs end. A plane through each hip rises
+    outwards.
     """
     up = unit(places["Waist"] - places["Hips"])
     across = unit(places["LHip"] - places["RHip"])
@@ -155,9 +159,9 @@ def _cut_trunk(point: Points, places: Mapping[str, Points], label: NDArray[np.ui
 def bones_of_voxels(
     points: Floats, labels: NDArray[np.integer], ends: dict[str, Floats], forward: Floats
 ) -> NDArray[np.int64]:
-    """Return (voxel,) the bone of each labeled voxel, -1 for unlabeled: hands and feet apart.
+    """Return (voxel,) the bone of each labeled voxel, hands and feet apart; -1 without a label.
 
-    `ends` are the joints by name; a hand begins at the wrist, a foot before or below the ankle.
+    `ends` are the joints by name. A hand begins at the wrist, a foot before or below the ankle.
     """
     bone = labels.astype(np.int64) - 1
     stature = ends["Head"][1] - min(ends["RFoot"][1], ends["LFoot"][1])
@@ -166,7 +170,7 @@ def bones_of_voxels(
         beyond = (points - ends[side + "Wrist"]) @ arm > 0
         bone[(bone == BONE_NUMBER[side + "ForeArm"]) & beyond] = BONE_NUMBER[side + "Hand"]
         below = points - ends[side + "Ankle"]
-        low = below[:, 1] < 0.03 * stature
-        foot = (below[:, 1] < 0) | (low & (below @ forward > 0.03 * stature))
+        low = below[:, 1] < FOOT_BEGINS * stature
+        foot = (below[:, 1] < 0) | (low & (below @ forward > FOOT_BEGINS * stature))
         bone[(bone == BONE_NUMBER[side + "LowerLeg"]) & foot] = BONE_NUMBER[side + "Foot"]
     return bone

@@ -1,8 +1,8 @@
 """The tree of the eleven segments and its kinematics (digitization paper, 3.2, Table 1).
 
-Every segment has a joint, its origin, and a local system whose X axis runs through the joint of
-a child. A segment's joint position and rotation are values in its parent's local system, and
-the position of every joint but the root's is constant there.
+Every segment has a joint, its origin, and a local system whose X axis runs through the joint of a
+child. A segment's joint position and rotation are given in its parent's local system. The position
+of every joint but the root's is constant there.
 
 What the paper leaves open is settled here. The root is the head, and its joint the top of the
 head, so that its child's, the neck, is not the same point. Where several children hang on a
@@ -16,14 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import JOINTS, SEGMENTS
+
 PARENTS = (-1, 0, 1, 1, 3, 1, 5, 2, 7, 2, 9)
 """The place of each segment's parent in the list of segments; parents stand before children."""
 
-SEGMENT_COUNT = len(PARENTS)
-
-_SIDE = ("Shoulder", "Elbow", "Wrist", "Fin", "Hip", "Knee", "Ankle", "Heel", "Foot")
-JOINT_NAMES = ("Head", "Neck", "Waist", *(f"{side}{name}" for side in "RL" for name in _SIDE))
-"""The 21 joints, in the order of every joint axis."""
+SEGMENT_COUNT = len(SEGMENTS)
+"""How many segments a body has."""
 
 ORIGINS = (
     *("Head", "Neck", "Waist", "RShoulder", "RElbow", "LShoulder", "LElbow"),
@@ -36,13 +35,17 @@ ENDS = (
     *(("RElbow",), ("RWrist",), ("LElbow",), ("LWrist",)),
     *(("RKnee",), ("RAnkle",), ("LKnee",), ("LAnkle",)),
 )
-"""The joints (their mean) that each segment's X axis runs through, beyond its own."""
+"""The joints through whose mean each segment's X axis runs, besides its own."""
 
 CARRIERS = (0, 1, 2, *(3, 4, 4, 4, 7, 8, 8, 8, 8), *(5, 6, 6, 6, 9, 10, 10, 10, 10))
 """The segment that each of the 21 joints is fixed to."""
 
 _FURTHER = {"RWrist": "RFin", "LWrist": "LFin", "RAnkle": "RFoot", "LAnkle": "LFoot"}
-_LEAST_SINE = 0.2  # 11 degrees: an axis closer to the way faced takes its Z from the way up
+"""The joint that stands in for a missing one: the next one outward."""
+
+_LEAST_SINE = 0.2
+"""Sine of the least angle between an axis and the way faced; an axis that is closer takes its Z
+from the way up. 11 degrees, chosen by eye on the shared captures, not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +92,11 @@ def local_systems(joint: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDA
         If a joint that bounds a segment is not finite, or the ends of a segment coincide.
     """
     joint = np.asarray(joint, np.float64)
-    if joint.shape != (len(JOINT_NAMES), 3):
+    if joint.shape != (len(JOINTS), 3):
         raise ValueError(
             f"joints of shape {joint.shape} are no body: pass the 21 joints as (21, 3)"
         )
-    position = np.stack([joint[JOINT_NAMES.index(name)] for name in ORIGINS])
+    position = np.stack([joint[JOINTS.index(name)] for name in ORIGINS])
     end = np.stack([_mean_of(joint, names) for names in ENDS])
     missing = [
         name for name, p, e in zip(ORIGINS, position, end, strict=True)
@@ -142,34 +145,6 @@ def pose_in_parents(
     return local, turn
 
 
-def pose_in_world(
-    position: NDArray[np.floating], rotation: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each segment's joint position and rotation in the world: the way back.
-
-    Parameters
-    ----------
-    position : (..., 11, 3) float
-        J of each segment in its parent's system, metres; the root's in the world.
-    rotation : (..., 11, 3, 3) float
-        R(r) of each segment; the root's in the world.
-
-    Returns
-    -------
-    position : (..., 11, 3) float64
-        Metres.
-    rotation : (..., 11, 3, 3) float64
-        Local axes in the world, in columns.
-    """
-    world, turn = np.array(position, np.float64), np.array(rotation, np.float64)
-    for segment, parent in enumerate(PARENTS):
-        if parent >= 0:
-            way = (turn[..., parent, :, :] @ position[..., segment, :, None])[..., 0]
-            world[..., segment, :] = world[..., parent, :] + way
-            turn[..., segment, :, :] = turn[..., parent, :, :] @ rotation[..., segment, :, :]
-    return world, turn
-
-
 def carry_joints(
     joint: NDArray[np.floating], position: NDArray[np.floating], rotation: NDArray[np.floating]
 ) -> NDArray[np.float64]:
@@ -197,7 +172,7 @@ def carry_joints(
 def place_ellipsoids(
     shape: BodyShape, position: NDArray[np.floating], rotation: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where the segments are in space, and how they spread; equation (4), inverted.
+    """Return where the segments are in space and how they spread; equation (4), inverted.
 
     Parameters
     ----------
@@ -221,18 +196,18 @@ def place_ellipsoids(
 
 
 def _mean_of(joint: NDArray[np.float64], names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Return the mean of some joints; of the next one outward for a missing wrist or ankle."""
+    """Return the mean of some joints. The next joint outward stands in for a missing one."""
     found = []
     for name in names:
-        point = joint[JOINT_NAMES.index(name)]
+        point = joint[JOINTS.index(name)]
         if name in _FURTHER and not np.isfinite(point).all():
-            point = joint[JOINT_NAMES.index(_FURTHER[name])]
+            point = joint[JOINTS.index(_FURTHER[name])]
         found.append(point)
     return np.mean(found, axis=0)
 
 
 def _facing(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the unit way a body faces and its unit way up, from the segments' joints."""
+    """Return the directions in which a body faces and stands, unit vectors, from its joints."""
     neck, right, left, right_hip, left_hip = position[[1, 3, 5, 7, 9]]
     up = neck - (right_hip + left_hip) / 2
     forward = np.cross(left - right + left_hip - right_hip, up)
@@ -242,7 +217,7 @@ def _facing(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 def _axes_along(
     x: NDArray[np.float64], forward: NDArray[np.float64], up: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return axes in columns: a given X, and Z as near to forward (else to up) as it can be."""
+    """Return axes in columns: X is given, Z is as near as it can be to forward, else to up."""
     z = forward - (forward @ x) * x
     if np.linalg.norm(z) < _LEAST_SINE:
         z = up - (up @ x) * x

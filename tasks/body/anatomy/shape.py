@@ -1,8 +1,8 @@
 """Measure a performer's body at t = 0: shape and pose of eleven segments (digitization paper, 3.3).
 
-A segment's shape is how its voxels lie in space, centroid, principal axes and the variances
-along them, kept in the segment's own system: it bends with the body and needs no rigid outline,
-which clothes do not have.
+A segment's shape tells how its voxels lie in space: centroid, principal axes, and the variances
+along these. It is kept in the segment's own system, so that it moves with the body. It needs no
+rigid outline, which clothes do not have.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from tasks.body.anatomy.segments import (
 )
 
 LEAST_VOXELS = 20
-"""Voxels that a segment needs: with fewer, three variances say nothing."""
+"""Voxels that a segment needs. With fewer, three variances say nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,20 +128,6 @@ def principal_axes(
     return mean, variance, axes
 
 
-def segment_voxels(
-    index: NDArray[np.integer], label: NDArray[np.integer], segment: int
-) -> NDArray[np.integer]:
-    """Return (voxel, 3) the voxels of one segment, 0 to 10, of a frame, in order.
-
-    Raises
-    ------
-    ValueError
-        If there is no such segment.
-    """
-    _check_segment(segment)
-    return index[label == segment + 1]
-
-
 def segment_motion(
     time_s: NDArray[np.floating],
     position: NDArray[np.floating],
@@ -168,7 +154,8 @@ def segment_motion(
     ValueError
         If there is no such segment, there are fewer than two frames, or times do not rise.
     """
-    _check_segment(segment)
+    if not 0 <= segment < SEGMENT_COUNT:
+        raise ValueError(f"there is no segment {segment}; the eleven are 0 to 10")
     time_s = np.asarray(time_s, np.float64)
     if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
         raise ValueError(f"{len(time_s)} times do not make a motion; pass two or more that rise")
@@ -184,9 +171,3 @@ def segment_motion(
     spun = matrix[after] @ np.swapaxes(matrix[before], 1, 2)
     spin = Rotation.from_matrix(spun).as_rotvec() / lasted
     return SegmentMotion(time_s, place, quaternion, velocity, spin)
-
-
-def _check_segment(segment: int) -> None:
-    """Refuse what is no segment."""
-    if not 0 <= segment < SEGMENT_COUNT:
-        raise ValueError(f"there is no segment {segment}; the eleven are 0 to 10")

@@ -1,8 +1,8 @@
 """Where a hand or the face could be in one frame: skin-colored lumps and ends of the surface.
 
 The surface is gathered into cells of one eightieth of the stature. A lump is a place around
-which more skin is gathered than around its neighbors, in a ball of a hand's (or face's) size;
-an end is a place farther along the surface from the trunk than all around it (the geodesic
+which more skin is gathered than around its neighbors, in a ball of a hand's or face's size. An end
+is a place that is farther along the surface from the trunk than all places around it (the geodesic
 extrema of Plagemann et al. 2010). Ends find hands in gloves, lumps find hands on the body.
 """
 
@@ -16,54 +16,84 @@ from storage.schema import NO_CAMERA
 from tasks.body.anatomy.skin import SkinModel, SurfaceFrame
 from tasks.body.extremities.cells import Cells, choose_apart, find_ends, gather_cells, sum_balls
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Positive, check_ranges
 
 Floats = NDArray[np.float64]
 
 
+LEAST_OWN = -1.0
+"""The least that a voxel adds to the mass of a lump [nats]. Chosen by eye on the shared captures;
+not measured."""
+
+MOST_OWN = 2.0
+"""The most that a voxel adds to the mass of a lump [nats]. Chosen by eye on the shared captures;
+not measured."""
+
+LUMPS_APART = 0.75
+"""Least distance of two lumps, if it is more than the settings' [radii of a lump]. Chosen by eye on
+the shared captures; not measured."""
+
+
 @dataclass(frozen=True)
 class CandidateSettings:
-    """Everything that changes where hands and face could be; lengths in statures."""
+    """Everything that changes where hands and face could be; lengths in statures.
 
-    cell: float = 0.0125
-    """Edge of a cell: 2 cm, a third of a hand's width."""
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of its range.
+    """
 
-    hand_radius: float = 0.04
-    """Ball that holds most of a hand, 7 cm."""
+    cell: Positive = 0.0125
+    """Edge of a cell [statures]. 2 cm, a third of a hand's width."""
 
-    face_radius: float = 0.06
-    """Ball that holds a face, 10 cm."""
+    hand_radius: Positive = 0.04
+    """Radius of the ball that holds most of a hand [statures]. 7 cm of 1.7 m."""
 
-    apart: float = 0.045
-    """Least distance of two candidates: half a hand's length."""
+    face_radius: Positive = 0.06
+    """Radius of the ball that holds a face [statures]. 10 cm of 1.7 m."""
 
-    least_mass: float = 0.12
-    """Skin in the ball below which there is no lump, as a share of the initial hand's."""
+    apart: Positive = 0.045
+    """Least distance of two candidates [statures]. Half a hand's length."""
 
-    least_hand: float = 0.2
-    """Least skin of a hand, as a share of the face's: of twelve generated takes the least, of
-    hands half of which the hull lacks; whole hands have half."""
+    least_mass: NotNegative = 0.12
+    """Skin in the ball below which there is no lump [as of the initial hand or face]. Chosen by eye
+    on the shared captures; not measured."""
 
-    least_seed: float = 0.01
-    """Skin of a cell that lumps are looked for around, as a share of the initial hand's or
-    face's: of the forty cells of a hand, one has more than twice that."""
+    least_hand: NotNegative = 0.2
+    """Least skin that the initial hand is taken to have [as of the face]. Of twelve generated takes
+    the least, of hands half of which the hull lacks; whole hands have half."""
 
-    hands: int = 8
-    """Most lumps a frame."""
+    least_seed: NotNegative = 0.01
+    """Skin of a cell that lumps are looked for around [as of the initial hand or face]. Of the
+    forty cells of a hand, one has more than twice that."""
 
-    faces: int = 8
-    """Most lumps of a face's size a frame: bare hands and feet are four that may show more skin."""
+    hands: Count = 8
+    """Most lumps of a hand's size that are looked at in a frame. Chosen by eye on the shared
+    captures; not measured."""
 
-    ends: int = 8
-    """Most ends a frame: head, hands, feet, and as many again of elbows and cloth."""
+    faces: Count = 8
+    """Most lumps of a face's size that are looked at in a frame. Bare hands and feet are four that
+    may show more skin."""
 
-    end_reach: float = 0.07
-    """How far from an end what a hand's place is the mean of reaches: two thirds of its length."""
+    ends: Count = 8
+    """Most ends that are looked at in a frame. Head, hands, feet, and as many again of elbows and
+    cloth."""
 
-    head_ball: float = 0.1
-    """Ball around a face that holds the front half of the head, hair and all."""
+    end_reach: Positive = 0.07
+    """How far from an end the surface is whose middle is the hand's place [statures]. Two thirds of
+    a hand's length."""
 
-    end_least: float = 0.15
-    """Least way from the trunk's middle to an end."""
+    head_ball: Positive = 0.1
+    """Radius of the ball around a face that holds the front half of the head [statures]. Hair and
+    all; chosen by eye on the shared captures, not measured."""
+
+    end_least: NotNegative = 0.15
+    """Least way along the surface from the trunk's middle to an end [statures]. Chosen by eye on
+    the shared captures; not measured."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +104,7 @@ class Candidates:
     """(candidate, 3) metres."""
 
     hand_skin: Floats
-    """(candidate,) skin around it, 1: as much as around a hand of the initial model."""
+    """(candidate,) skin around it; 1 is as much as around a hand of the initial model."""
 
     hand_end: NDArray[np.bool_]
     """(candidate,) True at an end of the surface."""
@@ -83,15 +113,15 @@ class Candidates:
     """(face candidate, 3) metres."""
 
     face_skin: Floats
-    """(face candidate,) skin around it, 1: as much as in the initial model."""
+    """(face candidate,) skin around it; 1 is as much as in the initial model."""
 
     face_front: Floats
-    """(face candidate, 3) from the middle of the surface around it to the skin in it, in
-    statures: a face is in front of its head."""
+    """(face candidate, 3) from the middle of the surface around it to its skin, statures. A face is
+    in front of its head."""
 
     face_end: Floats
-    """(face candidate,) statures to the nearest end of the surface, which the top of a head is;
-    infinite where there is none."""
+    """(face candidate,) distance to the nearest end of the surface, statures; infinite where there
+    is none. The top of a head is an end."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +171,7 @@ def find_candidates(
     model: SkinModel,
     references: ReferenceMasses,
     stature_m: float,
-    settings: CandidateSettings | None = None,
+    settings: CandidateSettings,
 ) -> Candidates:
     """Return where hands and face could be in a frame.
 
@@ -158,7 +188,6 @@ def find_candidates(
     settings
         Sizes and numbers of candidates.
     """
-    settings = settings or CandidateSettings()
     if not len(frame.center):
         none = np.empty((0, 3))
         return Candidates(
@@ -190,7 +219,7 @@ def find_candidates(
 
 
 def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:
-    """Return (2, voxel) ratios of hand and face, from -1 to 2; 0 where the color is borrowed."""
+    """Return (2, voxel) the ratios of hand and face, bounded; 0 where the color is borrowed."""
     ratio = np.empty((2, len(frame.color)))
     _look_up(frame.color, frame.camera, model.hand, ratio[0])
     _look_up(frame.color, frame.camera, model.face, ratio[1])
@@ -205,7 +234,7 @@ def find_lumps(
     apart_m: float,
     least: tuple[float, float, int],
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return for each lump a cell near it, its place, and its mass by the reference; most first.
+    """Return for each lump a cell near it, place and mass by the reference, the most mass first.
 
     Parameters
     ----------
@@ -237,10 +266,10 @@ def _lumps(
     stature_m: float,
     settings: CandidateSettings,
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return as `find_lumps`; table 0: of a hand's size and colors; 1: of a face's."""
+    """Return lumps of a hand's size and colors (table 0) or of a face's (1), as `find_lumps`."""
     radius = (settings.hand_radius, settings.face_radius)[table]
     most = (settings.hands, settings.faces)[table]
-    apart_m = max(settings.apart, 0.75 * radius) * stature_m
+    apart_m = max(settings.apart, LUMPS_APART * radius) * stature_m
     least = (settings.least_seed, settings.least_mass, most)
     return find_lumps(cells, table, reference, radius * stature_m, apart_m, least)
 
@@ -250,4 +279,4 @@ def _look_up(color: Any, camera: Any, table: Any, ratio: Any) -> None:
     """Write the ratios of colors, within their limits."""
     for n in range(len(color)):
         own = table[color[n, 0] >> 2, color[n, 1] >> 2, color[n, 2] >> 2]
-        ratio[n] = min(max(np.float64(own), -1.0), 2.0) if camera[n] != NO_CAMERA else 0.0
+        ratio[n] = min(max(np.float64(own), LEAST_OWN), MOST_OWN) if camera[n] != NO_CAMERA else 0.0

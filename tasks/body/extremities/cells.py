@@ -1,7 +1,7 @@
-"""The surface of a frame, gathered into cells: sums in balls, ways along it, its ends.
+"""Gather the surface of a frame into cells: sums in balls, ways along it, its ends.
 
-An end is a place farther along the surface from the middle than all around it (the geodesic
-extrema of Plagemann et al. 2010).
+An end is a place that is farther along the surface from the middle than all places around it (the
+geodesic extrema of Plagemann et al. 2010).
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,11 @@ from tasks.engine.kernels import njit
 Floats = NDArray[np.float64]
 
 _RIM = 6
+"""Width of the rim of empty cells around the surface [cells]. Peaks are compared with cells two
+beyond it; the rest is room for balls."""
+
+_SHORTER = 1e-9
+"""How much shorter a way must be to replace another [m]. It keeps rounding from looping."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +27,14 @@ class Cells:
     """The surface, gathered into cells."""
 
     place: NDArray[np.int32]
-    """(cell, 3) in a box that has a rim of empty cells, in order: x-major, then y, then z."""
+    """(cell, 3) place in a box with a rim of empty cells. Cells are in order of x, then y, then
+    z."""
     column: NDArray[np.int32]
-    """(x, y + 1) how many cells are before a column along z; those of y to y + n are together."""
+    """(x, y + 1) how many cells are before a column along z. Columns side by side along y are
+    together."""
     size_m: float
     center: Floats
-    """(cell, 3) mean of its voxels."""
+    """(cell, 3) mean of its voxels, metres."""
     count: Floats
     """(cell,) how many voxels."""
     mass: Floats
@@ -70,7 +77,7 @@ def sum_balls(
     radius_m: float,
     weighed: tuple[Floats, Floats, Floats],
 ) -> tuple[Floats, Floats]:
-    """Return mass in balls, and their weighted middles.
+    """Return the mass in balls, and the weighted middle of each.
 
     Parameters
     ----------
@@ -122,9 +129,9 @@ def find_ends(cells: Cells, least_m: float, apart_m: float, most: int) -> NDArra
 
 
 def choose_apart(place: Floats, worth: Floats, apart_m: float, most: int) -> NDArray[np.intp]:
-    """Return which of some places are worth most and farther than `apart_m` from each other.
+    """Return which places are worth most and farther than `apart_m` from each other.
 
-    The worthiest first, of equals the first; no more than `most`.
+    At most `most` are chosen, the worthiest first, of equals the first.
     """
     chosen = np.empty(most, np.intp)
     order = np.argsort(-worth, kind="stable")
@@ -133,7 +140,7 @@ def choose_apart(place: Floats, worth: Floats, apart_m: float, most: int) -> NDA
 
 @njit(cache=True, nogil=True)
 def _choose(place: Any, order: Any, apart: Any, chosen: Any) -> Any:
-    """Write the first places in order that are apart; return how many they are."""
+    """Write the places that are apart from all before them; return how many they are."""
     found = 0
     for n in order:
         near = False
@@ -199,7 +206,7 @@ def _add(cell: Any, place: Any, center: Any, voxels: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _divide_sums(center: Any, voxels: Any, hot: Any, hot_center: Any) -> None:
-    """Write means for sums; where nothing is hot, that of all voxels."""
+    """Turn sums into means. A cell without a ratio above 0 gets the mean of all its voxels."""
     for c in range(len(center)):
         for k in range(3):
             center[c, k] /= voxels[c]
@@ -341,7 +348,7 @@ def _spread(beside: Any, length: Any, count: Any, root: Any) -> Any:
         for k in range(count[cell]):
             n = beside[cell, k]
             longer = way[cell] + length[cell, k]
-            if longer < way[n] - 1e-9:
+            if longer < way[n] - _SHORTER:
                 way[n] = longer
                 if not waiting[n]:
                     waiting[n] = True
@@ -352,7 +359,7 @@ def _spread(beside: Any, length: Any, count: Any, root: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _mark_peaks(where: Any, column: Any, neighbors: Any, way: Any) -> Any:
-    """Return which cells are reached and farther than each neighbor within two cells."""
+    """Return which cells are reached and farther along the surface than all within two cells."""
     beside, count = neighbors
     peaks = np.empty(len(where), np.bool_)
     for cell in range(len(where)):

@@ -1,7 +1,7 @@
-"""Where the feet are in every frame of a take, by the colors that they have in the first frames.
+"""Find the feet in every frame of a take by the colors that they have in the first frames.
 
-What hides legs, a skirt or a kimono, ends above the feet: where they differ in color from what is
-above them they are found as hands are (`extremities`), and the knees follow.
+A skirt or a kimono hides the legs but ends above the feet. Where the feet differ in color from what
+is above them they are found as hands are (`places`), and the knees follow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,53 +14,83 @@ from numpy.typing import NDArray
 from storage.schema import NO_CAMERA
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
 from tasks.body.anatomy.skin import SurfaceFrame, separability
-from tasks.body.extremities.candidates import find_lumps
+from tasks.body.extremities.candidates import LEAST_OWN, MOST_OWN, find_lumps
 from tasks.body.extremities.cells import gather_cells
-from tasks.body.extremities.paths import Motion, best_paths
+from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, Motion, best_paths
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Positive, check_ranges
 
 Floats = NDArray[np.float64]
 
 
+KNOWN_FROM = 0.5
+"""Logarithm of how much likelier a color is on a foot from which it is recognized [nats]. Chosen by
+eye on the shared captures; not measured."""
+
+LEAST_SEED = 0.01
+"""Foot's colors of a cell that lumps are looked for around [as of the initial foot]. As of a hand,
+`CandidateSettings.least_seed`."""
+
+ENOUGH_MASS = 2.0
+"""By what a foot's colors are multiplied before less than all of them costs. Half a foot may be
+hidden; chosen by eye on the shared captures, not measured."""
+
+
 @dataclass(frozen=True)
 class FootSettings:
-    """Everything that changes where feet are found; lengths in statures."""
+    """Everything that changes where feet are found; lengths in statures.
 
-    cell: float = 0.0125
-    """Edge of a cell of the surface, 2 cm."""
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of its range.
+    """
 
-    radius: float = 0.05
-    """Ball that holds most of a foot, 8 cm; what is so near the line from heel to toe is one."""
+    cell: Positive = 0.0125
+    """Edge of a cell of the surface [statures]. 2 cm, as for hands."""
 
-    apart: float = 0.05
-    """Least distance of two feet's middles: a foot's width."""
+    radius: Positive = 0.05
+    """Radius of the ball that holds most of a foot [statures]. 8 cm; what is so near the line from
+    heel to toe is a foot, too."""
 
-    highest: float = 0.4
-    """Above the lowest voxel: higher, skin is a hand's; a foot kicked higher is not seen."""
+    apart: Positive = 0.05
+    """Least distance of two feet's middles [statures]. A foot's width."""
 
-    least_mass: float = 0.2
-    """Foot's colors in the ball below which there is none, as a share of the initial foot's."""
+    highest: Positive = 0.4
+    """How far above the lowest voxel a foot is looked for [statures]. Higher, skin is a hand's; a
+    foot kicked higher is not seen."""
 
-    most: int = 5
-    """Most places a frame."""
+    least_mass: NotNegative = 0.2
+    """Foot's colors in the ball below which there is none [as of the initial foot]. Chosen by eye
+    on the shared captures; not measured."""
 
-    unseen: float = 2.0
-    """Cost of a frame (at 30 Hz) in which a foot is not seen, nats: as of a hand."""
+    most: Count = 5
+    """Most places that are looked at in a frame. Chosen by eye on the shared captures; not
+    measured."""
 
-    none: float = 3.0
-    """Cost of a frame in which a foot is where none of its colors are."""
+    unseen: NotNegative = 2.0
+    """Cost of a frame (at 30 Hz) in which a foot is not seen [nats]. As of a hand."""
 
-    side: float = 0.06
-    """Cost of a frame in which a foot is as far on the other side as feet typically are on their
-    own: less than of a hand, for who stands with crossed legs stands so for long."""
+    none: NotNegative = 3.0
+    """Cost of a frame (at 30 Hz) in which a foot is where none of its colors are [nats]. As of a
+    hand."""
 
-    typical_side: float = 0.06
-    """How far to its side a foot typically is: the hip's."""
+    side: NotNegative = 0.06
+    """Cost of a frame (at 30 Hz) in which a foot is as far on the other side as feet typically are
+    on their own [nats]. Less than of a hand, for who stands with crossed legs stands so for
+    long."""
 
-    together: float = 2.0
-    """Cost of a frame in which both feet are one lump."""
+    typical_side: Positive = 0.06
+    """How far to its side a foot typically is [statures]. As far as the hip."""
+
+    together: NotNegative = 2.0
+    """Cost of a frame (at 30 Hz) in which both feet are one lump [nats]. As of hands."""
 
     motion: Motion = field(default_factory=Motion)
+    """How feet move."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +98,14 @@ class FootColors:
     """What colors the feet have that the legs have not."""
 
     ratio: NDArray[np.float32]
-    """(cell of `color_histograms`,) logarithm of how much likelier a color is on a foot."""
+    """(cell of `anatomy.colors`,) logarithm of how much likelier a color is on a foot."""
 
     known: float
-    """Share of the feet's voxels that are recognized less that of the legs': 0 says nothing."""
+    """Share of the feet's voxels that are recognized less that of the legs'; of 0 colors say
+    nothing."""
 
     mass: float
-    """Of one foot in the first frames: the sum of its voxels' ratios."""
+    """The sum of the ratios of one foot's voxels in the first frames."""
 
     place: Floats
     """(2, 3) the middle of the right and the left foot in the first frames, m."""
@@ -130,8 +161,8 @@ def learn_feet(
         return None
     cell, kind = np.concatenate(cells), np.concatenate(kinds)
     feet, legs = cell[kind > 0], cell[kind == 0]
-    ratio = np.clip(log_ratio(count_colors(feet), count_colors(legs)), -1.0, 2.0)
-    known = separability(ratio, feet, legs, least=0.5)
+    ratio = np.clip(log_ratio(count_colors(feet), count_colors(legs)), LEAST_OWN, MOST_OWN)
+    known = separability(ratio, feet, legs, least=KNOWN_FROM)
     mass = float(np.maximum(ratio[feet], 0.0).sum()) / (2 * len(cells))
     place = np.median(np.array(places), axis=0)
     return FootColors(ratio.astype(np.float32), known, max(mass, 1.0), place)
@@ -140,7 +171,7 @@ def learn_feet(
 def find_feet_of(
     frame: SurfaceFrame, colors: FootColors, stature_m: float, settings: FootSettings
 ) -> tuple[Floats, Floats]:
-    """Return (candidate, 3) where a foot could be in a frame, m, and (candidate,) how much of one.
+    """Return where a foot could be (candidate, 3), m, and how much of it shows (candidate,).
 
     1 is as much as in the first frames.
     """
@@ -151,7 +182,7 @@ def find_feet_of(
     cells = gather_cells(frame.center[low], ratio[None], settings.cell * stature_m)
     _, place, mass = find_lumps(
         cells, 0, colors.mass, settings.radius * stature_m, settings.apart * stature_m,
-        (0.01, settings.least_mass, settings.most),
+        (LEAST_SEED, settings.least_mass, settings.most),
     )  # fmt: skip
     return place, mass
 
@@ -166,7 +197,7 @@ def choose_feet(
     initial_frame: int,
     settings: FootSettings,
 ) -> tuple[Floats, Floats]:
-    """Return where the right and the left foot are, one best path of both (Viterbi).
+    """Return where the right and the left foot are, by one best path of both (Viterbi).
 
     Parameters
     ----------
@@ -188,14 +219,14 @@ def choose_feet(
     weight : (time, 2) float64
         0 to 1: how sure that is.
     """
-    pace = 30.0 / rate_hz
+    pace = PACE_HZ / rate_hz
     spot = [place / stature_m for place, _ in candidates]
     costs = []
     for (place, mass), seen, front in zip(candidates, face, facing, strict=True):
         left = np.array([front[2], 0.0, -front[0]])
         aside = np.nan_to_num((place - seen) @ left / stature_m / settings.typical_side)
-        side = settings.side * np.clip(aside, -1.5, 1.5)
-        own = colors.known * settings.none * (1.0 - np.clip(2.0 * mass, 0.0, 1.0))
+        side = settings.side * np.clip(aside, -FARTHEST_ASIDE, FARTHEST_ASIDE)
+        own = colors.known * settings.none * (1.0 - np.clip(ENOUGH_MASS * mass, 0.0, 1.0))
         costs.append(((own + side) * pace, (own - side) * pace))
     position, weight, _ = best_paths(
         (spot, spot),

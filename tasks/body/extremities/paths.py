@@ -17,44 +17,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
+from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
 
 Floats = NDArray[np.float64]
 
 
+PACE_HZ = 30.0
+"""Frames a second for which costs of a frame are given. They are chosen for films of this rate; at
+another rate a frame costs in proportion to how long it lasts."""
+
+FARTHEST_ASIDE = 1.5
+"""How far to a side a place counts at most [typical distances to its side]. Chosen by eye on the
+shared captures; not measured."""
+
+LOOSELY = 4.0
+"""How many times as far as a place is exact a way may exceed the fastest. 1 in 16 000 places is so
+far off."""
+
+
 @dataclass(frozen=True)
 class Motion:
-    """How points move; lengths in statures."""
+    """How points move; lengths in statures.
 
-    speed: float = 0.85
-    """Typical speed in statures a second, 1.4 m/s: the hands of twelve generated dancers move
-    at 0.5 to 0.7 half of the time, and faster than 1.3 a tenth of it."""
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of its range.
+    """
 
-    fastest: float = 6.0
-    """No point moves faster than this: a thrown punch is half as fast."""
+    speed: Positive = 0.85
+    """Typical speed [statures a second]. 1.4 m/s: the hands of twelve generated dancers move at 0.5
+    to 0.7 half of the time, and faster than 1.3 a tenth of it."""
 
-    noise: float = 0.015
-    """How exact a place is: 2.5 cm."""
+    fastest: Positive = 6.0
+    """The most a point moves [statures a second]. A thrown punch is half as fast."""
 
-    widest: float = 0.3
-    """Typical distance after a long time: half of an arm's reach."""
+    noise: Positive = 0.015
+    """How exact a place is, a standard deviation [statures]. 2.5 cm."""
 
-    jump: float = 8.0
-    """The most that a way may cost, in nats: that of four unseen frames."""
+    widest: Positive = 0.3
+    """Typical distance after a long time [statures]. Half of an arm's reach."""
 
-    settled_s: float = 0.1
-    """A movement goes on for this long at most: dancers' hands turn within it."""
+    jump: Positive = 8.0
+    """The most that a way may cost [nats]. As much as four unseen frames."""
 
-    lasting: float = 0.7
-    """How much of its velocity a point that is not seen keeps, each frame."""
+    settled_s: NotNegative = 0.1
+    """How long a movement goes on at most. Dancers' hands turn within it."""
 
-    alone: float = 0.09
-    """Two points that are nearer may be one: a hand's length."""
+    lasting: Share = 0.7
+    """How much of its velocity a point that is not seen keeps, each frame. Chosen by eye on the
+    shared captures; not measured."""
 
-    alike: float = 0.06
-    """Places this near each other say the same: 10 cm, half of a hand's length."""
+    alone: Positive = 0.09
+    """How near two points may be one [statures]. A hand's length."""
 
-    ghosts: int = 6
-    """Places at which an unseen point is remembered."""
+    alike: Positive = 0.06
+    """How near each other places say the same [statures]. 10 cm, half of a hand's length."""
+
+    ghosts: Count = 6
+    """Places at which an unseen point is remembered. Chosen by eye on the shared captures; not
+    measured."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 class _Rule(NamedTuple):
@@ -76,9 +101,9 @@ class _Rule(NamedTuple):
 
 
 _X, _Y, _Z, _UNSEEN, _PARENT, _VELOCITY = range(6)
-"""Of a slot, which is where a point may be in a frame: a candidate or a ghost. Its place, for how
-many frames it was not seen, a ghost's slot in the frame before (-1: a candidate), and how fast the
-best way comes there (3), statures a second."""
+"""The numbers of a slot. A slot is where a point may be in a frame: a candidate or a ghost. It has
+its place, for how many frames it was not seen, the slot that a ghost had in the frame before (-1
+for a candidate), and the velocity (3) of the best way there, statures a second."""
 
 
 def best_paths(
@@ -92,7 +117,7 @@ def best_paths(
     *,
     together: float = 0.0,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the likeliest paths of two points, forth and back from the initial frame.
+    """Return the likeliest paths of two points, forward and backward from the initial frame.
 
     Parameters
     ----------
@@ -109,7 +134,7 @@ def best_paths(
     motion
         How points move.
     unseen
-        What a frame unseen costs each point, nats.
+        What a frame in which it is not seen costs each point, nats.
     together
         What a frame costs in which both are at one place.
 
@@ -152,7 +177,7 @@ def best_paths(
 
 @njit(cache=True, nogil=True)
 def _lay_out(begin: Any, order: Any, ghosts: Any) -> Any:
-    """Return where the slots of each frame begin, of both points, its moves, and its states.
+    """Return where each frame's slots and moves of both points, and its states, begin.
 
     The first frame is what the points start from; frames that are walked through follow.
     """
@@ -177,7 +202,7 @@ def _lay_out(begin: Any, order: Any, ghosts: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _walk(candidate: Any, begin: Any, order: Any, start: Any, layout: Any, rule: Any) -> Any:
-    """Return slots, what moves and states cost, and what the best way to each state costs."""
+    """Return the slots, the costs of moves and states, and that of the best way to each state."""
     first, moves, states = layout
     slot, move = np.zeros((first[1, -1], _VELOCITY + 3)), np.full(moves[1, -1], np.inf)
     own, best = np.zeros(states[-1]), np.zeros(states[-1])
@@ -212,7 +237,7 @@ def _walk(candidate: Any, begin: Any, order: Any, start: Any, layout: Any, rule:
 
 @njit(cache=True, nogil=True)
 def _least(best: Any, point: Any) -> Any:
-    """Return the least of each slot of a point, wherever the other point is."""
+    """Return the least cost of each slot of a point, wherever the other point is."""
     alone = np.full(best.shape[point], np.inf)
     for i in range(best.shape[0]):
         for j in range(best.shape[1]):
@@ -242,14 +267,14 @@ def _open(before: Any, after: Any, spots: Any, best: Any, cost: Any, rule: Any) 
 
 @njit(cache=True, nogil=True)
 def _cost_moves(before: Any, after: Any, seen: Any, cost: Any, rule: Any) -> None:
-    """Write what the ways to candidates cost; infinity stays where they are too long."""
+    """Write what the ways to candidates cost; ways that are too long keep infinity."""
     noise = np.sqrt(2.0) * rule.noise
     one_step = math.hypot(noise, rule.speed * rule.step_s)
     for b in range(len(before)):
         time_s = rule.step_s * (before[b, _UNSEEN] + 1.0)
         settled = min(time_s, rule.settled_s)
         spread = math.hypot(noise, min(rule.speed * time_s, rule.widest))
-        wide = 3.0 * np.log(max(spread / one_step, 1.0))
+        wide = 3 * np.log(max(spread / one_step, 1.0))
         for n in range(seen):
             x, y, z = (
                 after[n, _X] - before[b, _X],
@@ -263,7 +288,7 @@ def _cost_moves(before: Any, after: Any, seen: Any, cost: Any, rule: Any) -> Non
                 z - before[b, _VELOCITY + 2] * settled,
             )
             off = min(way, np.sqrt(x * x + y * y + z * z)) / spread
-            if not way > rule.fastest * time_s + 4.0 * rule.noise:
+            if not way > rule.fastest * time_s + LOOSELY * rule.noise:
                 cost[b, n] = min(0.5 * (off * off) + wide, rule.jump)
 
 
@@ -282,7 +307,7 @@ def _aim(before: Any, after: Any, seen: Any, alone: Any, cost: Any, rule: Any) -
 
 @njit(cache=True, nogil=True)
 def _cost_states(right: Any, left: Any, cost: Any, rule: Any) -> None:
-    """Write what it costs that the points are at two candidates, or not seen."""
+    """Write what each pair of slots costs by itself, of candidates and of unseen points."""
     for i in range(cost.shape[0]):
         for j in range(cost.shape[1]):
             cost[i, j] = right[i, 3] if i < len(right) else rule.unseen[0]
@@ -299,7 +324,7 @@ def _cost_states(right: Any, left: Any, cost: Any, rule: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_steps(first: Any, moves: Any, states: Any, move: Any, t: Any, best: Any) -> None:
-    """Write what the best way to each state of a frame costs without the state itself."""
+    """Write what the best way to each state of a frame costs, without the state's own cost."""
     k, m = first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
     i, j = first[0, t + 1] - first[0, t], first[1, t + 1] - first[1, t]
     right = move[moves[0, t] : moves[0, t + 1]].reshape(k, i)

@@ -1,11 +1,11 @@
-"""Where face and hands are in every frame of a take, one best path (digitization paper, 3.4.1).
+"""Find face and hands in every frame of a take by one best path (digitization paper, 3.4.1).
 
-The paper follows, from frame to frame, the skin-colored region nearest to the last one; a hand
-lost once is lost for good. Here the whole take decides: of all candidates of all frames the
-likeliest path is taken, of both hands at once (Viterbi 1967), so that hands that cross or clap
-keep their sides. A hand may be unseen; it is then remembered where it was, and how long it may
-have been on its way. How much the rest of the paths, weighed with their likelihoods, agree
-with the best is each place's weight.
+The paper follows, from frame to frame, the skin-colored region nearest to the last one; a hand lost
+once is lost for good. Here the whole take decides. Of all candidates of all frames the likeliest
+path of both hands at once is taken (Viterbi 1967), so that hands that cross or clap keep their
+sides. A hand may be unseen; then the path remembers where it was, and how long it may have been on
+its way. A place's weight is how much the other paths, weighed with their likelihoods, agree with
+the best one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.body.anatomy.proportions import FACE_AHEAD, FACE_BELOW_TOP
 from tasks.body.anatomy.skin import (
     SkinModel,
     SkinSettings,
@@ -29,72 +30,115 @@ from tasks.body.extremities.candidates import (
     measure_references,
 )
 from tasks.body.extremities.feet import FootSettings, choose_feet, find_feet_of, learn_feet
-from tasks.body.extremities.paths import Motion, best_paths
+from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, Motion, best_paths
+from tasks.engine.settings import NotNegative, Positive, check_ranges
 from tasks.engine.threads import side_by_side
 
 Floats = NDArray[np.float64]
 
-EXTREMITIES = ("Face", "RHand", "LHand")
+BESIDE = 2.0
+"""How far from a face another place is looked at that may be the face instead [distances of the
+first face from its end]. Chosen by eye on the shared captures; not measured."""
+
+LEAST_FACE = 0.5
+"""Skin that such a place must have [as of the face]. Chosen by eye on the shared captures; not
+measured."""
+
+SURELY_AWAY = 2.0
+"""How far from the face a lump surely is not the face itself [`at_face_within`]. Chosen by eye on
+the shared captures; not measured."""
+
+FACE_SPEED = 0.6
+"""Typical speed of a face [statures a second]. Less than of a hand; chosen by eye on the shared
+captures, not measured."""
+
+FACE_FASTEST = 4.0
+"""The most a face moves [statures a second]. Less than a hand; chosen by eye on the shared
+captures, not measured."""
 
 
 @dataclass(frozen=True)
 class ExtremitySettings:
-    """Everything that changes where hands and face are found; lengths in statures."""
+    """Everything that changes where hands, face and feet are found; lengths in statures.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or out of its range.
+    """
 
     skin: SkinSettings = field(default_factory=SkinSettings)
+    """How the color of skin is learned."""
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    """Where hands and face could be."""
     feet: FootSettings = field(default_factory=FootSettings)
+    """How feet are found."""
     hand_motion: Motion = field(default_factory=Motion)
-    face_motion: Motion = field(default_factory=lambda: Motion(speed=0.6, fastest=4.0))
+    """How hands move."""
+    face_motion: Motion = field(
+        default_factory=lambda: Motion(speed=FACE_SPEED, fastest=FACE_FASTEST)
+    )
+    """How faces move. More slowly than hands; chosen by eye on the shared captures, not
+    measured."""
 
-    learn_s: float = 0.1
-    """Skin is learned from the frames this near the initial one, where arms are still held."""
+    learn_s: NotNegative = 0.1
+    """How near the initial frame the frames are from which skin is learned. The arms are still held
+    there."""
 
-    unseen: float = 2.0
-    """Cost of a frame (at 30 Hz) in which a hand is not seen, in nats."""
+    unseen: NotNegative = 2.0
+    """Cost of a frame (at 30 Hz) in which a hand or the face is not seen [nats]. Chosen by eye on
+    the shared captures; not measured."""
 
-    no_skin: float = 3.0
-    """Cost of a frame in which a hand is where no skin is, if hands differ from clothes."""
+    no_skin: NotNegative = 3.0
+    """Cost of a frame (at 30 Hz) in which a hand is where no skin is, if hands differ from clothes
+    [nats]. Chosen by eye on the shared captures; not measured."""
 
-    some_skin: float = 0.25
-    """Share of a hand's skin from which this costs nothing: the rest may hide in a sleeve."""
+    some_skin: Positive = 0.25
+    """Skin of a place from which `no_skin` costs nothing [as of the initial hand]. The rest may
+    hide in a sleeve."""
 
-    little_skin: float = 0.7
-    """Cost, on top, of a hand of which nothing is seen; half of it: of half a hand."""
+    little_skin: NotNegative = 0.7
+    """Cost, on top, of a hand of which nothing is seen [nats]. Half a hand costs half of it; chosen
+    by eye on the shared captures, not measured."""
 
-    no_end: float = 0.3
-    """Cost of a frame in which a hand is not an end of the surface; grows as skin says less."""
+    no_end: NotNegative = 0.3
+    """Cost of a frame (at 30 Hz) in which a hand is not an end of the surface [nats]. It grows as
+    skin says less; chosen by eye on the shared captures, not measured."""
 
-    usual_end: float = 0.22
-    """A face is as far from the top of the head as at first but for this factor's logarithm, which
-    a neck is not."""
+    usual_end: Positive = 0.22
+    """How much the distance of a face from the top of the head may change [logarithm of the ratio
+    to the first]. A neck is farther from it."""
 
-    together: float = 2.0
-    """Cost of a frame in which both hands are one lump: as of one unseen, for one lump is no
-    evidence of two hands. From there on more changes nothing."""
+    together: NotNegative = 2.0
+    """Cost of a frame (at 30 Hz) in which both hands are one lump [nats]. As of one unseen, for one
+    lump is no evidence of two hands. From there on more changes nothing."""
 
-    at_face: float = 2.0
-    """Cost of a frame in which a hand is where the face is, which is skin without it."""
+    at_face: NotNegative = 2.0
+    """Cost of a frame (at 30 Hz) in which a hand is where the face is [nats]. The face is skin
+    without it; chosen by eye on the shared captures, not measured."""
 
-    at_face_within: float = 0.06
-    """How near the face a lump may well be the face itself, half a head's depth; at twice that
-    it surely is not."""
+    at_face_within: Positive = 0.06
+    """How near the face a lump may well be the face itself [statures]. Half a head's depth; at
+    twice that it surely is not."""
 
-    side: float = 0.2
-    """Cost of a frame in which a hand is as far on the other side as hands typically are on
-    their own. Taken alone, it would be 2: but what a frame says of sides, the next repeats. Of
-    nine takes one exchanged the hands for good with 0.07, none from 0.14 to 0.4."""
+    side: NotNegative = 0.2
+    """Cost of a frame (at 30 Hz) in which a hand is as far on the other side as hands typically are
+    on their own [nats]. Taken alone, it would be 2: but what a frame says of sides, the next
+    repeats. Of nine takes one exchanged the hands for good with 0.07, none from 0.14 to 0.4."""
 
-    typical_side: float = 0.13
-    """How far to its side a hand typically is: of twelve generated takes, the median."""
+    typical_side: Positive = 0.13
+    """How far to its side a hand typically is [statures]. Of twelve generated takes, the median."""
 
-    plain_front: float = 0.015
-    """How far skin lies before the middle of a head that surely faces there; half as much is
-    believed half."""
+    plain_front: Positive = 0.015
+    """How far skin lies before the middle of a head that surely faces there [statures]. Half as
+    much is believed half; chosen by eye on the shared captures, not measured."""
 
-    reach_slack: float = 0.06
-    """How much farther from the neck than the outstretched hand was a hand may be before it
-    costs: shoulders rise, and the neck is known from the face only."""
+    reach_slack: Positive = 0.06
+    """How much farther from the neck than the outstretched hand was a hand may be before it costs
+    [statures]. Shoulders rise, and the neck is known from the face only."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +146,12 @@ class Extremities:
     """Where face and hands are."""
 
     position: Floats
-    """(time, 3, 3) metres, of face, right and left hand; NaN where unseen. A hand is the middle
-    of what is seen of it, a face the middle of its skin, in front of the head's."""
+    """(time, 3, 3) metres, of face, right and left hand; NaN where unseen. A hand's place is the
+    middle of what is seen of it, a face's the middle of its skin, before the head's."""
 
     facing: Floats
-    """(time, 3) where the head faces, horizontally: a vector from 0 to 1 long, the longer the
-    surer; NaN where the face is unseen."""
+    """(time, 3) where the head faces, horizontally; NaN where the face is unseen. The vector is
+    from 0 to 1 long, the longer the surer."""
 
     weight: Floats
     """(time, 3) from 0 to 1: how likely the place is right; 0 where unseen."""
@@ -120,6 +164,9 @@ class Extremities:
 
     candidates: tuple[Candidates, ...]
     """The places of each frame that were chosen from."""
+
+    hand_ends: tuple[Floats, ...]
+    """(place, 3) a frame: metres, the candidates that are ends or look like a hand."""
 
     hand_cost: tuple[Floats, ...]
     """(candidate,) a frame: nats that each place costs a hand by itself; smaller is likelier."""
@@ -137,7 +184,7 @@ def find_extremities(
     initial_frame: int = 0,
     settings: ExtremitySettings | None = None,
 ) -> Extremities:
-    """Return where face and hands are in every frame of a take.
+    """Return where face, hands and feet are in every frame of a take.
 
     Parameters
     ----------
@@ -149,7 +196,7 @@ def find_extremities(
     stature_m
         The performer's height.
     joints : mapping of (3,) float64
-        The initial model: metres, by the names of the archive; `skin.NEEDED_JOINTS` are used.
+        The initial model: metres, by the names of the archive; `skin.SKIN_JOINTS` are used.
     initial_frame
         The frame that the initial model is of; the hands' sides are decided there.
     settings
@@ -208,10 +255,9 @@ def find_extremities(
     return replace(chosen, foot=foot, foot_weight=foot_weight)
 
 
-def hand_ends(candidates: Sequence[Candidates]) -> list[Floats]:
+def hand_ends(candidates: Sequence[Candidates], settings: ExtremitySettings) -> list[Floats]:
     """Return the candidates (place, 3), m, of each frame that are ends or look like a hand."""
-    least = ExtremitySettings.some_skin
-    return [c.hand[c.hand_end | (c.hand_skin >= least)] for c in candidates]
+    return [c.hand[c.hand_end | (c.hand_skin >= settings.some_skin)] for c in candidates]
 
 
 def choose_extremities(
@@ -221,10 +267,10 @@ def choose_extremities(
     stature_m: float,
     joints: Mapping[str, NDArray[np.float64]],
     *,
-    initial_frame: int = 0,
-    settings: ExtremitySettings | None = None,
+    initial_frame: int,
+    settings: ExtremitySettings,
 ) -> Extremities:
-    """Return which candidates of all frames are face and hands, feet unseen; `find_extremities`.
+    """Return which candidates of all frames are face and hands; the feet are left unseen.
 
     Parameters
     ----------
@@ -235,9 +281,8 @@ def choose_extremities(
     rate_hz, stature_m, joints, initial_frame, settings
         As of `find_extremities`.
     """
-    settings = settings or ExtremitySettings()
     start = initial_places(joints, stature_m) / stature_m
-    pace = 30.0 / rate_hz
+    pace = PACE_HZ / rate_hz
     spot = [c.face / stature_m for c in candidates]
     price = [_face_cost(c, model, settings) * pace for c in candidates]
     face, face_weight, _ = best_paths(
@@ -276,6 +321,7 @@ def choose_extremities(
         np.full((len(spot), 2, 3), np.nan),
         np.zeros((len(spot), 2)),
         tuple(candidates),
+        tuple(hand_ends(candidates, settings)),
         tuple(hand_cost),
         model,
     )
@@ -286,7 +332,7 @@ def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) 
     neck, head = np.asarray(joints["Neck"]), np.asarray(joints["Head"])
     front = np.cross(np.subtract(joints["LShoulder"], joints["RShoulder"]), head - neck)
     front = front / max(float(np.linalg.norm(front)), 1e-9)
-    face = 0.45 * neck + 0.55 * head + 0.045 * stature_m * front
+    face = FACE_BELOW_TOP * neck + (1.0 - FACE_BELOW_TOP) * head + FACE_AHEAD * stature_m * front
     return np.stack([face, *((a + b) / 2.0 for a, b in find_hands(joints, stature_m))])
 
 
@@ -302,10 +348,11 @@ def _above_necks(
     stature_m: float,
     settings: ExtremitySettings,
 ) -> Floats:
-    """Return (time, 3) faces, each moved to one beside it that is as far from an end as at first.
+    """Return (time, 3) the faces, with necks replaced by the faces above them.
 
-    The end is the top of the head, and what is too far from it is a neck, which shows skin from
-    behind, too.
+    A neck shows skin, also from behind. It is farther from an end of the surface, the top of the
+    head, than the face was in the initial frame. It is replaced by the most skin-colored place
+    beside it that is as far from the end as the face was.
     """
     first, seen = candidates[initial_frame], np.isfinite(face[:, 0])
     if not seen[initial_frame]:
@@ -317,9 +364,9 @@ def _above_necks(
     for t in np.flatnonzero(seen).tolist():
         frame = candidates[t]
         own, share = _nearest_to(frame.face, face[t]), frame.face_end / usual
-        beside = np.linalg.norm(frame.face - face[t], axis=1) < 2.0 * usual * stature_m
+        beside = np.linalg.norm(frame.face - face[t], axis=1) < BESIDE * usual * stature_m
         fits = beside & (np.abs(np.log(share)) < settings.usual_end)
-        fits &= frame.face_skin > 0.5 * frame.face_skin[own]
+        fits &= frame.face_skin > LEAST_FACE * frame.face_skin[own]
         if share[own] > 1.0 and fits.any() and not fits[own]:
             moved[t] = frame.face[np.argmax(np.where(fits, frame.face_skin, -1.0))]
     return moved
@@ -331,13 +378,13 @@ def _nearest_to(places: Floats, place: Floats) -> int:
 
 
 def _lacking(skin: Floats, settings: ExtremitySettings) -> Floats:
-    """Return (candidate,) what it costs that less skin is seen than in the initial model."""
+    """Return (candidate,) what each place costs for showing less skin than in the initial model."""
     none = 1.0 - np.clip(skin / settings.some_skin, 0.0, 1.0)
     return settings.no_skin * none + settings.little_skin * (1.0 - np.clip(skin, 0.0, 1.0))
 
 
 def _facing(candidates: Sequence[Candidates], face: Floats, settings: ExtremitySettings) -> Floats:
-    """Return (time, 3) where the head faces, horizontally; the length is how sure that is."""
+    """Return (time, 3) where the head faces, horizontally; the longer the vector the surer."""
     facing = np.full(face.shape, np.nan)
     for t, (frame, place) in enumerate(zip(candidates, face, strict=True)):
         if np.isnan(place[0]):
@@ -365,7 +412,7 @@ def _hand_costs(
     no_end = settings.no_end + (1.0 - known) * settings.no_skin
     costs = []
     for frame, spot, seen in zip(candidates, place, _carry_on(face, start[0]), strict=True):
-        at_face = 2.0 - np.linalg.norm(spot - seen, axis=1) / settings.at_face_within
+        at_face = SURELY_AWAY - np.linalg.norm(spot - seen, axis=1) / settings.at_face_within
         reach = np.linalg.norm(spot - seen - below, axis=1)
         beyond = np.maximum(reach - arm - settings.reach_slack, 0.0) / settings.reach_slack
         costs.append(
@@ -380,17 +427,17 @@ def _hand_costs(
 def _side_costs(
     place: Sequence[Floats], face: Floats, facing: Floats, settings: ExtremitySettings
 ) -> list[Floats]:
-    """Return for each frame (candidate,) what it costs the right hand, and gains the left."""
+    """Return for each frame (candidate,) what a side costs the right hand and gains the left."""
     costs = []
     for spot, seen, front in zip(place, face, facing, strict=True):
         left = np.array([front[2], 0.0, -front[0]])  # of who looks there, y up
         aside = (spot - seen) @ left / settings.typical_side
-        costs.append(settings.side * np.clip(np.nan_to_num(aside), -1.5, 1.5))
+        costs.append(settings.side * np.clip(np.nan_to_num(aside), -FARTHEST_ASIDE, FARTHEST_ASIDE))
     return costs
 
 
 def _carry_on(position: Floats, start: Floats) -> Floats:
-    """Return (time, 3) positions with those unseen as last seen."""
+    """Return (time, 3) the positions, with the last one seen where there is none."""
     carried, last = position.copy(), start
     for t in range(len(carried)):
         last = carried[t] = last if np.isnan(carried[t, 0]) else carried[t]

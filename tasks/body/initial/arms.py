@@ -1,62 +1,102 @@
-"""Read the arms-stretched shape of a performer off a hull: arms, head and trunk.
+"""Measure the stretched arms of a performer on a hull.
 
-The digitization paper (section 3.3) lets a person begin with the arms stretched sideways and
-says no more about how the first labels are found. Here lengths come from the shape where it
-shows them (tips of the hands, line of the arms, top of the head, feet) and from published
-proportions of the body where clothes hide it (Drillis and Contini 1966, as printed in Winter,
-Biomechanics and Motor Control of Human Movement), widened by what rigs of motion capture have.
-Points are metres with y up.
+The digitization paper (section 3.3) lets a person begin with the arms stretched sideways and says
+no more about how the first labels are found. Here the shape tells lengths where it shows them (tips
+of the hands, line of the arms, top of the head), and the proportions of a body tell them where
+clothes hide it. Points are metres with y up.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from tasks.body.anatomy.proportions import (
+    LEAST_REACH,
+    NECK_SHARE,
+    SHOULDER_SHARE,
+    USUAL_REACH,
+    Points,
+)
 
-USUAL_REACH, LEAST_REACH = 2.4, 2.1
-"""Half the span over the height of the head above the arms, usual, and least with both hands:
-2.85 by Drillis and Contini to the collar bone's outer end, 2.2 to 2.7 from the arms' line."""
 SLEEVE_REACH = 0.87
-"""Where a sleeve that hides the hand ends, in half spans: between wrist and knuckles."""
+"""Where a sleeve that hides the hand ends [half spans]. Between wrist and knuckles; chosen by eye
+on the shared captures, not measured."""
+
 SLOPE_SPREAD = 0.05
-"""Usual tangent of an arm from straight sideways, when somebody is asked to stretch it."""
-SHOULDER_SHARE = 0.20
-"""Shoulder from the middle, in half spans: 0.23 by Drillis and Contini for the outer end of the
-collar bone, whose joint is farther in; rigs of motion capture have 0.15 to 0.22."""
-UPPER_ARM_SHARE, FOREARM_SHARE = 0.40, 0.37
-"""Of the arm from shoulder to finger tip; 0.423 and 0.332 by Drillis and Contini to a stretched
-finger, 0.38 to 0.42 and 0.35 to 0.40 in rigs."""
-SPAN_PER_STATURE = 1.03
-"""Arm span over stature; the arms are stretched, the knees need not be."""
-HEAD_ABOVE_ARMS = 0.20
-"""Top of the head over the line of stretched arms, in statures: 0.182 by Drillis and Contini to
-the shoulders' upper ends; with the span it tells the stature of somebody who crouches."""
-NECK_SHARE = 0.25
-"""Base of the neck above the line of the arms, of what the top of the head is above it: where the
-shoulders' slopes meet the neck."""
-HIPS_BELOW_TOP = 0.495
-"""From the top of the head to the middle of the hips, in statures: 0.470 by Drillis and Contini
-to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
+"""Tangent of the angle that an arm usually has from straight sideways, when somebody is asked to
+stretch it. Chosen by eye on the shared captures; not measured."""
+
 TIP_INSIDE = 0.035
-"""How far a finger's tip joint lies inside the hull's end, in half spans: 2.5 cm, a finger's radius
+"""How far a finger's tip joint lies inside the hull's end [half spans]. 2.5 cm: a finger's radius,
 and what a hull of pixels of 1 cm is too long."""
-HIPS_SPREAD = 0.02
-"""How far the hips of a body in its pose usually are from there."""
-HIPS_ABOVE_FORK = 0.075
-"""From where the hull's legs meet to the middle of the hips, in statures: the hip joint is 0.035
-above the crotch (0.51 by De Leva 1996, 0.475 in the ANSUR survey of 1988), and a hull is closed by
-some 6 cm of cloth and of what no camera sees between two thighs."""
-HIGHER_SPREAD, HIGHER_WITHIN = 0.012, 0.07
-"""How much that differs for a fork that is higher than usual, and how much higher one may be."""
-LOWER_SPREAD, LOWER_WITHIN = 0.02, 0.05
-"""The same for a lower one: thighs may touch, trousers hang, and what is lower is a skirt's hem."""
-WAIST_SHARE = 0.56
-"""Where the loins begin, from the base of the neck to the hips."""
-HIP_SHARE = 0.0575
-"""Hip joint from the middle, in statures: 0.096 by Drillis and Contini is half the width over
-the bones; the joint centers are 0.05 to 0.06 (Bell et al. 1989)."""
+
+TIP_LAYER = 2.5
+"""How far from the outermost voxel a voxel still is a finger tip's [voxels]. Chosen by eye on the
+shared captures; not measured."""
+
+UPPER_SHARE = 0.45
+"""Height of the upper part of a body in which arms are looked for [share of its height]. Chosen by
+eye on the shared captures; not measured."""
+
+FAR_SHARE = 0.6
+"""How far from the middle, seen from above, the voxels are that tell the arms' direction at first
+[share of the farthest]. Chosen by eye on the shared captures; not measured."""
+
+HEAD_ASIDE = 0.2
+"""How far beside the middle a voxel of the head is at most [half spans]. Chosen by eye on the
+shared captures; not measured."""
+
+HEAD_AHEAD = 0.35
+"""How far before or behind the middle a voxel of the head is at most [half spans]. Chosen by eye on
+the shared captures; not measured."""
+
+NECK_ASIDE = 0.12
+"""How far beside the neck's middle a voxel of the neck is at most [half spans]. Chosen by eye on
+the shared captures; not measured."""
+
+NECK_TALL = 0.1
+"""How far above and below the neck's height a voxel of the neck is at most [heights of the head
+above the arms' line]. Chosen by eye on the shared captures; not measured."""
+
+ABOVE_ASIDE = 0.3
+"""How far beside the middle of the span the voxels above the arms are at most of which head and
+neck are [half spans]. Chosen by eye on the shared captures; not measured."""
+
+ABOVE_AROUND = 0.45
+"""How far from the middle of the span, seen from above, these voxels are at most [half spans].
+Chosen by eye on the shared captures; not measured."""
+
+ABOVE_LEAST = 0.06
+"""How far above the finger tips these voxels are at least [half spans]. Chosen by eye on the shared
+captures; not measured."""
+
+THICKEST = 0.055
+"""How thick an arm is at most where it is told from hanging cloth [statures]. Chosen by eye on the
+shared captures; not measured."""
+
+ARM_BEGINS = 0.30
+"""Where slabs of an arm are cut from, away from the trunk [half spans]. Chosen by eye on the shared
+captures; not measured."""
+
+HAND_BEGINS = 0.92
+"""Where the slabs begin that show whether an arm ends in a hand [half spans]. Chosen by eye on the
+shared captures; not measured."""
+
+MOST_HIDDEN = 0.02
+"""How much of an arm's end may be hidden in cloth if its hand shows [half spans]. Chosen by eye on
+the shared captures; not measured."""
+
+FIRST_WEIGHT = 100.0
+"""Weight that every slab has when an arm's line is fitted first [1 / m]. As of a slab that is 1 cm
+off."""
+
+LEAST_OFF_M = 0.002
+"""Distance from an arm's line below which a slab weighs no more. Chosen by eye on the shared
+captures; not measured."""
+
+LINE_SPREAD = 0.1
+"""How little a slab says against the usual slope of an arm [square roots of m]. Chosen by eye on
+the shared captures; not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,22 +104,24 @@ class Arms:
     """Two arms and the directions they give."""
 
     left: Points
-    """(3,) unit vector, horizontal; towards the left hand once the facing is known."""
+    """(3,) horizontal unit vector along the arms, towards the left hand once the facing is
+    known."""
     middle: Points
-    """(3,) where the neck is between the finger tips' verticals, at the height of the tips."""
+    """(3,) where the neck is between the verticals of the finger tips, at the height of these."""
     half_span_m: float
     reach_m: Points
-    """(2,) from the middle's vertical to that of each finger tip; unequal if an arm is bent."""
+    """(2,) from the middle's vertical to that of each finger tip. A bent arm reaches less far."""
     tip: Points
-    """(2, 3) finger tips: against `left`, then along it."""
+    """(2, 3) the finger tips, first the one that is against `left`."""
     line: Points
-    """(2, 2, 2) a side: height and place forward, each as value at the middle and slope."""
+    """(2, 2, 2) for each side height and place forward, each as its value at the middle and
+    slope."""
     slope: float
-    """The steepest of the lines, as tangent: 0 where both arms are straight sideways."""
+    """Tangent of the steepest of the lines; 0 where both arms are straight sideways."""
     rough_m: float
-    """Typical distance of the arms' thin parts from their lines."""
+    """Typical distance of the arms' bare parts from their lines."""
     thin: float
-    """Share of an arm's length that shows an arm and no hanging cloth, the smaller side's."""
+    """Share of an arm's length that shows an arm and no hanging cloth; of both arms the less."""
     has_hands: bool
     """Whether both arms end in something as thin as a hand."""
 
@@ -89,9 +131,9 @@ class Arms:
         return np.cross(self.left, [0.0, 1.0, 0.0])
 
     def along(self, side: int, share: float) -> Points:
-        """Return the point (3,) of an arm's line that is so many half spans from the middle.
+        """Return the point (3,) of an arm's line at a share of half the span from the middle.
 
-        Beyond the shoulder what an arm falls short of half a span is missing everywhere alike.
+        An arm that reaches less far than half the span is shorter everywhere beyond its shoulder.
         """
         aside = share * self.half_span_m
         if share > SHOULDER_SHARE:
@@ -112,13 +154,13 @@ class Arms:
 def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     """Return the arms of (voxel, 3) points, or None where nothing reaches to two sides."""
     low, high = point[:, 1].min(), point[:, 1].max()
-    upper = point[point[:, 1] > low + 0.55 * (high - low)]
+    upper = point[point[:, 1] > low + (1.0 - UPPER_SHARE) * (high - low)]
     if not len(upper):  # flat
         return None
     middle = np.median(upper, axis=0)
     flat = (upper - middle)[:, [0, 2]]
     reach = np.hypot(*flat.T)
-    far = flat[reach > 0.6 * reach.max()]
+    far = flat[reach > FAR_SHARE * reach.max()]
     if len(far) < 2:
         return None
     axis = np.linalg.eigh(far.T @ far)[1][:, 1]
@@ -127,8 +169,8 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
     tip = np.empty((2, 3))
     for _ in range(4):
         aside = (upper - middle) @ left
-        tip[0] = upper[aside < aside.min() + 2.5 * voxel_m].mean(axis=0)
-        tip[1] = upper[aside > aside.max() - 2.5 * voxel_m].mean(axis=0)
+        tip[0] = upper[aside < aside.min() + TIP_LAYER * voxel_m].mean(axis=0)
+        tip[1] = upper[aside > aside.max() - TIP_LAYER * voxel_m].mean(axis=0)
         across = (tip[1] - tip[0]) * [1.0, 0.0, 1.0]
         if np.linalg.norm(across) < 4 * voxel_m:
             return None
@@ -149,18 +191,20 @@ def measure_arms(point: Points, voxel_m: float) -> Arms | None:
 def _find_neck(away: Points, left: Points, half: float) -> float:
     """Return how far along `left` the neck is from the middle of the span, m.
 
-    `away` are points (voxel, 3) from there. Below the head, between the shoulders' slopes.
+    The neck is below the head, between the shoulders' slopes. `away` are points (voxel, 3) from the
+    middle of the span.
     """
     aside, height = away @ left, away[:, 1]
-    above = (abs(aside) < 0.3 * half) & (np.hypot(away[:, 0], away[:, 2]) < 0.45 * half)
-    above &= height > 0.06 * half
+    above = abs(aside) < ABOVE_ASIDE * half
+    above &= np.hypot(away[:, 0], away[:, 2]) < ABOVE_AROUND * half
+    above &= height > ABOVE_LEAST * half
     if not above.any():
         return 0.0
     top = height[above].max()
     place = float(aside[above & (height > 0.5 * top)].mean())
-    slab = above & (abs(height - NECK_SHARE * top) < 0.1 * top)
+    slab = above & (abs(height - NECK_SHARE * top) < NECK_TALL * top)
     for _ in range(3):
-        near = slab & (abs(aside - place) < 0.12 * half)
+        near = slab & (abs(aside - place) < NECK_ASIDE * half)
         if not near.any():
             break
         place = float(aside[near].mean())
@@ -170,16 +214,16 @@ def _find_neck(away: Points, left: Points, half: float) -> float:
 def _fit_arms(
     upper: Points, middle: Points, left: Points, half: float, voxel_m: float
 ) -> tuple[Points, float, float, float, bool]:
-    """Return the lines of both arms, steepest slope, roughness, thin share, if hands show."""
+    """Return the arms' lines, steepest slope, roughness and bare share, and whether hands show."""
     front = np.cross(left, [0.0, 1.0, 0.0])
     aside, ahead = (upper - middle) @ left, (upper - middle) @ front
-    thickest = 0.055 * max(2.0 * half, float(np.ptp(upper[:, 1])) / 0.45)
+    thickest = THICKEST * max(2.0 * half, float(np.ptp(upper[:, 1])) / UPPER_SHARE)
     lines, slopes, roughs, thins = np.zeros((2, 2, 2)), [0.0], [0.0], []
     bare = []
     for side in range(2):
         out = (2 * side - 1) * aside
         slab = np.floor(out / voxel_m).astype(int)
-        first, last = int(0.30 * half / voxel_m), int(half / voxel_m)
+        first, last = int(ARM_BEGINS * half / voxel_m), int(half / voxel_m)
         found, hidden = [], 0
         for number in range(first, last):
             here = slab == number
@@ -189,10 +233,10 @@ def _fit_arms(
             low, high = np.percentile(height, [2, 98])
             if high - low < thickest:
                 found.append([(number + 0.5) * voxel_m, (low + high) / 2, np.mean(ahead[here])])
-            elif number > 0.92 * last:
+            elif number > HAND_BEGINS * last:
                 hidden += 1
         thins.append(len(found) / max(last - first, 1))
-        bare.append(hidden < 0.02 * last)
+        bare.append(hidden < MOST_HIDDEN * last)
         if len(found) < 6:
             lines[side] = [[middle[1], 0.0], [0.0, 0.0]]
             roughs.append(half)
@@ -206,35 +250,36 @@ def _fit_arms(
 
 
 def _fit_line(x: Points, y: Points) -> tuple[Points, float]:
-    """Return value and slope of the line of least absolute distances, and their median."""
+    """Return value and slope of the line of least absolute distances, and the median distance."""
     design = np.stack([np.ones(len(x)), x], axis=1)
-    weight, line = np.full(len(x), 100.0), np.zeros(2)
+    weight, line = np.full(len(x), FIRST_WEIGHT), np.zeros(2)
     level = [[0.0, 1.0 / SLOPE_SPREAD]]  # few slabs say little about a slope: near 0, then
     for _ in range(12):
-        root = np.sqrt(weight) / 0.1
+        root = np.sqrt(weight) / LINE_SPREAD
         rows = np.concatenate([design * root[:, None], level])
         line[:] = np.linalg.lstsq(rows, np.append(y * root, 0.0), rcond=None)[0]
-        weight = 1.0 / np.maximum(abs(y - design @ line), 0.002)
+        weight = 1.0 / np.maximum(abs(y - design @ line), LEAST_OFF_M)
     return line, float(np.median(abs(y - design @ line)))
 
 
 def reach_of_head(point: Points, arms: Arms) -> float:
-    """Return half the span over the height of the head above the arms: 2.2 to 2.7."""
+    """Return half the span over the height of the head above the arms (see `USUAL_REACH`)."""
     aside, ahead = (point - arms.middle) @ arms.left, (point - arms.middle) @ arms.front
-    near = (abs(aside) < 0.2 * arms.half_span_m) & (abs(ahead) < 0.35 * arms.half_span_m)
+    near = abs(aside) < HEAD_ASIDE * arms.half_span_m
+    near &= abs(ahead) < HEAD_AHEAD * arms.half_span_m
     above = float(point[near, 1].max() - arms.middle[1]) if near.any() else 0.0
     return arms.half_span_m / max(above, 1e-6)
 
 
 def missing_reach(point: Points, arms: Arms) -> float:
-    """Return how many times as long half the span is with hands that the hull has lost; or 1."""
+    """Return by what factor lost hands lengthen half the span; 1 where none are lost."""
     reach = reach_of_head(point, arms)
     longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
     return longer if arms.has_hands else max(longer, 1.0 / SLEEVE_REACH)
 
 
 def lengthen_arms(arms: Arms, half_span_m: float) -> Arms:
-    """Return the arms with hands that the hull has lost put in, on the arms' lines."""
+    """Return the arms with the hands that the hull has lost put in on the arms' lines."""
     reach = arms.reach_m * half_span_m / arms.half_span_m
     longer = replace(arms, half_span_m=half_span_m, reach_m=reach)
     tip = np.stack([longer.along(side, 1.0 - TIP_INSIDE) for side in range(2)])

@@ -1,6 +1,6 @@
 """Choose the frame that a take begins with: whole, of one person, with stretched arms.
 
-Performers hold the pose for some frames, which tell what the hull of one of them has lost.
+Performers hold the pose for some frames. Together these tell what the hull of one of them has lost.
 """
 
 import math
@@ -21,12 +21,47 @@ from tasks.body.initial.held_hulls import (
     held_crop,
     pieces_of_body,
 )
+from tasks.engine.settings import Count, Positive, Share, check_ranges
 from tasks.geometry.sides import cut_off_at
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
 """What to do about a take without such a frame."""
-_CELL = 0.02  # how finely frames are compared, in heights: a finger's thickness
+
+CELL = 0.02
+"""Edge of the cubes by which frames are compared [heights of the performer]. A finger's
+thickness."""
+
+CLEARLY = 0.02
+"""How much higher a later frame's score must be for the frame to be taken. Chosen by eye on the
+shared captures; not measured."""
+
+LEAST_VOXELS = 500
+"""Voxels below which a frame shows nobody. Chosen by eye on the shared captures; not measured."""
+
+WITHOUT_HANDS = 0.5
+"""What is left of the score of a frame that has lost a hand [share]. Chosen by eye on the shared
+captures; not measured."""
+
+ROUGHEST = 0.1
+"""How far an arm's bare part may be from its line [half spans]. Chosen by eye on the shared
+captures; not measured."""
+
+SMOOTH = 0.03
+"""How far an arm's bare part usually is from its line [half spans]. Chosen by eye on the shared
+captures; not measured."""
+
+ROUGH_SCORE = 0.3
+"""What is left of the score of a frame whose arms are rough [share]. Chosen by eye on the shared
+captures; not measured."""
+
+SLOPE_COST = 0.5
+"""What an arm of the steepest slope takes off the score [share]. Chosen by eye on the shared
+captures; not measured."""
+
+CLOTHED_SCORE = 0.5
+"""What is left of the score of a frame whose arms hide in hanging cloth [share]. Chosen by eye on
+the shared captures; not measured."""
 
 
 @dataclass(frozen=True)
@@ -36,34 +71,46 @@ class InitialModelSettings:
     Raises
     ------
     ValueError
-        If a number is not finite or not larger than 0.
+        If a number is not finite or out of its range.
     """
 
-    search_s: float = 1.0
-    """Frames that begin in this time are looked at: the pose is held at the beginning."""
-    frames: int = 8
-    """How many of them are looked at, evenly spread: neighbors differ little."""
-    reach: float = 0.35
-    """An arm reaches at least so far from the middle, in heights of the performer: stretched
-    ones reach 0.45 to 0.57 (crouching), hanging ones 0.2."""
-    steepest: float = 0.36
-    """Tangent of the largest angle of an arm from straight sideways, 20 degrees."""
-    least_inside: float = 0.75
-    """Share of the bones' lengths that lies in the hull. Less is no body: 0.94 to 1 where the arms
-    are stretched, 0.42 to 0.58 with a fan or an umbrella in the hand, or two people in one."""
-    held_s: float = 0.067
-    """Frames so much earlier and later tell what a frame has lost, at 30 Hz two of each: errors in
+    search_s: Positive = 1.0
+    """Frames that begin within this time are looked at. The pose is held at the beginning."""
+    frames: Count = 8
+    """How many frames of the first `search_s` are looked at, evenly spread. Neighbors differ
+    little."""
+    reach: Positive = 0.35
+    """How far from the middle an arm reaches at least [heights of the performer]. Stretched ones
+    reach 0.45 to 0.57 (crouching), hanging ones 0.2."""
+    steepest: Positive = 0.36
+    """Tangent of the largest angle of an arm from straight sideways. 20 degrees; chosen by eye on
+    the shared captures, not measured."""
+    least_inside: Share = 0.75
+    """How much of the bones' lengths lies in the hull at least. Less is no body: 0.94 to 1 where
+    the arms are stretched, 0.42 to 0.58 with a fan or an umbrella in the hand, or two people in
+    one."""
+    held_s: Positive = 0.067
+    """Frames so much earlier and later tell what a frame has lost. At 30 Hz two of each: errors in
     silhouettes come and go in that time, and who begins to dance moves by a few voxels."""
-    most_lost: float = 0.08
-    """A part that a frame has lost, to so far from what it has, counts against it; half as far does
-    hardly (0.94 of the score). In heights: of a hand, 0.108 long, three quarters."""
-    second_person: float = 0.35
-    """A second piece with so large a share of the first is another person, not a speck."""
+    most_lost: Positive = 0.08
+    """How far a part that a frame has lost reaches from what it has, when it counts fully against
+    the frame [heights of the performer]. Three quarters of a hand, which is 0.108 long; half as
+    far counts hardly (0.94 of the score is left)."""
+    second_person: Share = 0.35
+    """Voxels of a second piece from which it is another person and no speck, as a share of the
+    first piece. Chosen by eye on the shared captures; not measured."""
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} {value} must be a finite number larger than 0")
+        check_ranges(self)
+
+    @property
+    def looked_at_s(self) -> float:
+        """How much of a take an initial model needs, s: the frames searched and those around them.
+
+        Twice `held_s` is more than the frames after the last one span, so that rounding to whole
+        frames leaves none of them out.
+        """
+        return self.search_s + 2.0 * self.held_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +124,8 @@ class Candidate:
     """(voxel, 3) index of the person's voxels, with those put back that the frame has lost."""
     arms: Arms
     lost: float
-    """How far from the frame's own voxels something is that it has lost, in heights."""
+    """How far from the frame's own voxels a part is that it has lost, in heights of the
+    performer."""
     score: float
 
 
@@ -118,16 +166,16 @@ def best_frame(
         )
     best, *others = _without_what_is_lost(looked, settings)
     for found in others:
-        best = found if found.score > best.score + 0.02 else best
+        best = found if found.score > best.score + CLEARLY else best
     return best
 
 
 def _without_what_is_lost(
     looked: Sequence[Candidate], settings: InitialModelSettings
 ) -> list[Candidate]:
-    """Return the frames with scores that count what each has lost, of the others' parts too."""
+    """Return the frames with their scores lowered by what each has lost and others show."""
     height = max(float(np.ptp(one.body[:, 1])) for one in looked)
-    lacks = beyond_others([one.body for one in looked], max(1, round(_CELL * height))) / height
+    lacks = beyond_others([one.body for one in looked], max(1, round(CELL * height))) / height
     lost = [max(one.lost, lack) for one, lack in zip(looked, lacks.tolist(), strict=True)]
     return [
         replace(one, lost=far, score=one.score * math.exp(-((far / settings.most_lost) ** 4)))
@@ -141,7 +189,7 @@ def _look_at(
 ) -> Candidate | str:  # fmt: skip
     """Return a frame with its arms, or what is wrong with it."""
     index = voxel_index(runs, frame)
-    if len(index) < 500:
+    if len(index) < LEAST_VOXELS:
         return f"there are only {len(index)} voxels"
     crop, begin = held_crop(runs, frame, around)
     pieces = np.asarray(cc3d.connected_components(crop > 0, connectivity=26))
@@ -160,7 +208,7 @@ def _look_at(
     body = held + begin
     height = max(float(np.ptp(body[:, 1])), 1.0) * grid.voxel_m
     lost = farthest_lost(body, is_own) * grid.voxel_m / height
-    if lost <= _CELL:  # the flicker of a hull's surface
+    if lost <= CELL:  # the flicker of a hull's surface
         body = body[is_own]
     for axis, end in cut_off_at(body, grid.shape):
         return (
@@ -176,7 +224,7 @@ def _look_at(
     if isinstance(score, str):
         return score
     if missing_reach(point, arms) > 1.0:
-        score *= 0.5
+        score *= WITHOUT_HANDS
     return Candidate(frame, index, is_body, body, arms, lost, score)
 
 
@@ -187,12 +235,12 @@ def _judge(arms: Arms, height: float, settings: InitialModelSettings) -> float |
             f"the arms reach {arms.half_span_m:.2f} m to each side of a performer {height:.2f} m "
             f"high, where {settings.reach * height:.2f} m or more are wanted"
         )
-    if arms.rough_m > 0.1 * arms.half_span_m:
+    if arms.rough_m > ROUGHEST * arms.half_span_m:
         return "no straight line of an arm shows on both sides"
     if arms.slope > settings.steepest:
         degrees = math.degrees(math.atan(arms.slope))
         return f"an arm is not straight sideways but {degrees:.0f} degrees off"
-    straight = 1.0 - 0.5 * arms.slope / settings.steepest
-    smooth = math.exp(-0.5 * (arms.rough_m / (0.03 * arms.half_span_m)) ** 2)
-    shown = min(1.0, 0.5 + arms.thin)
-    return straight * (0.3 + 0.7 * smooth) * shown
+    straight = 1.0 - SLOPE_COST * arms.slope / settings.steepest
+    smooth = math.exp(-0.5 * (arms.rough_m / (SMOOTH * arms.half_span_m)) ** 2)
+    shown = min(1.0, CLOTHED_SCORE + arms.thin)
+    return straight * (ROUGH_SCORE + (1.0 - ROUGH_SCORE) * smooth) * shown

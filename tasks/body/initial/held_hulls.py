@@ -1,8 +1,8 @@
 """Put back what errors in silhouettes cut off a hull, from the frames around it.
 
-A hole in one silhouette cuts all that is behind it off the visual hull: a foot, a hand. Such
-errors come and go from frame to frame, and a pose that is held does not: what more than half of
-the frames around one occupy was there in that one too.
+A hole in one silhouette cuts all that is behind it off the visual hull: a foot, a hand. Such errors
+come and go from frame to frame, while the performer holds the pose. So a voxel that more than half
+of the frames around one occupy was there in that one too.
 """
 
 import math
@@ -12,14 +12,34 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from tasks.body.anatomy.proportions import PUBLISHED_THIGH
 from tasks.geometry.voxels import VoxelRuns, padded_crop
 
-OWN, PUT_BACK = 1, 2
-"""In a crop: what the frame itself occupies, and what only the frames around it do."""
-_TORN_M = 0.05  # a torn-off hand or leg is within the body's outline, seen from above, or
-_SHANK, _THIGH_LENGTH, _SHIN_HEIGHT, _ON_FLOOR = 0.03, 0.245, 0.1, 0.06
-# a shank with its foot, 0.061 of the body (Dempster 1955), of which half may be lost; it is at most
-# a thigh away (Drillis and Contini 1966), taller than a foot, and stands on the floor; in heights
+OWN = 1
+"""In a crop, a voxel that the frame itself occupies."""
+
+PUT_BACK = 2
+"""In a crop, a voxel that only the frames around it occupy."""
+
+TORN_M = 0.05
+"""How far outside the body's outline, seen from above, a torn-off hand or leg may be. Chosen by eye
+on the shared captures; not measured."""
+
+SPECK = 0.01
+"""Voxels of a piece up to which it is a speck and no part of a body [share of the largest piece].
+Chosen by eye on the shared captures; not measured."""
+
+SHANK_VOLUME = 0.03
+"""Voxels of a torn-off shank with its foot at least [share of the largest piece]. They are 0.061 of
+a body (Dempster 1955), of which half may be lost."""
+
+SHIN_TALL = 0.1
+"""How tall a torn-off shank is at least [heights of the body]. It is taller than a foot; chosen by
+eye on the shared captures, not measured."""
+
+ON_FLOOR = 0.06
+"""How far above the floor a torn-off shank ends at most [heights of the body]. Chosen by eye on the
+shared captures; not measured."""
 
 
 def frames_around(frame: int, frames: int, reach: int, *, count: int = 5) -> list[int]:
@@ -31,7 +51,7 @@ def frames_around(frame: int, frames: int, reach: int, *, count: int = 5) -> lis
         The one, and how many there are.
     reach
         How many frames earlier and later they may be; 0 leaves the frame alone. Where the take
-        begins or ends, later or earlier ones make up for those that there are not.
+        begins or ends, as many more are later or earlier.
     """
     middle = max(min(frame, frames - 1 - reach), reach)
     ends = middle - reach, min(middle + reach, frames - 1)
@@ -41,14 +61,14 @@ def frames_around(frame: int, frames: int, reach: int, *, count: int = 5) -> lis
 def held_crop(
     runs: VoxelRuns, frame: int, around: Sequence[int]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Return the dense box around a frame's voxels with those put back that it has lost.
+    """Return the dense box around a frame's voxels, with the voxels put back that it has lost.
 
     Parameters
     ----------
     runs
         The hulls of a take.
     frame
-        Which one. None of its own voxels is taken away.
+        The frame. It keeps all its own voxels.
     around
         Frames in which the performer stands as in that one. A voxel that more than half of them
         occupy is put back.
@@ -78,7 +98,7 @@ def held_crop(
 
 
 def farthest_lost(body: NDArray[np.integer], is_own: NDArray[np.bool_]) -> float:
-    """Return how far from what a frame has of a body the farthest voxel is that was put back.
+    """Return how far the farthest voxel that was put back is from a frame's own voxels.
 
     Parameters
     ----------
@@ -101,17 +121,18 @@ def farthest_lost(body: NDArray[np.integer], is_own: NDArray[np.bool_]) -> float
 
 
 def beyond_others(bodies: Sequence[NDArray[np.integer]], cell: int) -> NDArray[np.float64]:
-    """Return how much farther each frame's body is from others' parts than those are from its own.
+    """Return how far from each frame's body something is that the frame has lost.
 
-    What moved is as far from one frame as from the other; what one has lost is far from that one
-    alone. Only what two others have counts: one may have something too many.
+    A part that moved is as far from the body of one frame as the other way round. A part that one
+    frame has lost is far from that frame's body alone, so that the difference of the two distances
+    tells it. Two other frames must have the part, for a single one may have something too many.
 
     Parameters
     ----------
     bodies : sequence of (voxel, 3) int
         Index of the voxels of each frame.
     cell
-        How many voxels long the cubes are that are compared.
+        Edge of the cubes that are compared, in voxels.
 
     Returns
     -------
@@ -136,10 +157,10 @@ def beyond_others(bodies: Sequence[NDArray[np.integer]], cell: int) -> NDArray[n
 def pieces_of_body(
     index: NDArray[np.integer], piece: NDArray[np.integer], voxel_m: float
 ) -> NDArray[np.bool_]:
-    """Return (piece,) True for the largest piece, those above or below it, and torn-off shanks.
+    """Return which pieces are the body's (piece,): the largest, those above or below it, shanks.
 
-    What is beside the body is not taken for it (a thing, a ghost of two limbs), but for what stands
-    on the floor like the end of a leg that has lost its thigh.
+    A piece beside the body is not taken for a part of it: it is a thing, or a ghost of two limbs.
+    Only a piece that stands on the floor like the end of a leg without its thigh is.
 
     Parameters
     ----------
@@ -152,17 +173,17 @@ def pieces_of_body(
     sizes = np.bincount(piece)
     sizes[0] = 0
     main = index[piece == np.argmax(sizes)]
-    margin = math.ceil(_TORN_M / voxel_m)
+    margin = math.ceil(TORN_M / voxel_m)
     low, high = main.min(axis=0) - margin, main.max(axis=0) + margin
     beside = ((index < low) | (index > high))[:, [0, 2]].any(axis=1)
     apart = np.bincount(piece, weights=beside, minlength=len(sizes)) > 0
-    keeps = (sizes > 0.01 * sizes.max()) & ~apart
+    keeps = (sizes > SPECK * sizes.max()) & ~apart
     height, floor = float(np.ptp(main[:, 1])), index[keeps[piece], 1].min()
-    for number in np.flatnonzero(apart & (sizes > _SHANK * sizes.max())):
+    for number in np.flatnonzero(apart & (sizes > SHANK_VOLUME * sizes.max())):
         part = index[piece == number]
-        stands = part[:, 1].min() < floor + _ON_FLOOR * height
-        if stands and np.ptp(part[:, 1]) > _SHIN_HEIGHT * height:
-            keeps[number] = KDTree(main).query(part)[0].min() < _THIGH_LENGTH * height
+        stands = part[:, 1].min() < floor + ON_FLOOR * height
+        if stands and np.ptp(part[:, 1]) > SHIN_TALL * height:
+            keeps[number] = KDTree(main).query(part)[0].min() < PUBLISHED_THIGH * height
     return keeps
 
 

@@ -7,18 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tasks.body.initial.arms import (
+from tasks.body.anatomy.proportions import (
+    ANKLE_HEIGHT,
     FOREARM_SHARE,
     HIP_SHARE,
     SHOULDER_SHARE,
     UPPER_ARM_SHARE,
-    Arms,
-    lengthen_arms,
-    missing_reach,
+    Points,
 )
+from tasks.body.initial.arms import Arms, lengthen_arms, missing_reach
 from tasks.body.initial.facing import vote_facing
 from tasks.body.initial.legs import (
-    ANKLE_HEIGHT,
     Depths,
     Leg,
     find_feet,
@@ -29,14 +28,24 @@ from tasks.body.initial.legs import (
 from tasks.body.initial.trunk import Trunk, lift_hips, measure_trunk
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
-Points = NDArray[np.float64]
-
 _CHAINS = (
     ("Waist", "Neck", "Head"),
     *(tuple(s + n for n in ("Shoulder", "Elbow", "Wrist", "Fin")) for s in "RL"),
     *(tuple(s + n for n in ("Hip", "Knee", "Ankle")) for s in "RL"),
 )
-_CROSSED = 6.0  # legs fit so much worse that stand as their feet do: they are crossed
+"""The joints that bones join, chain after chain."""
+
+CROSSED = 6.0
+"""How much worse legs must fit that stand as their feet do to be crossed, in the cost of a `Leg`.
+Chosen by eye on the shared captures; not measured."""
+
+LEAST_VOTE = 0.2
+"""Vote for a facing below which it is doubtful. Chosen by eye on the shared captures; not
+measured."""
+
+USUAL_INSIDE = 0.9
+"""How much of the bones usually lies inside the hull [share of their lengths]. 0.94 to 1 where arms
+are stretched (see `InitialModelSettings.least_inside`)."""
 
 
 def find_joints(
@@ -87,7 +96,7 @@ def find_joints(
         arms, feet = arms.turned(), feet[::-1]
     if witnesses:
         notes.append(f"Which way the performer faces was told by {' and '.join(witnesses)}.")
-    if abs(vote) < 0.2:
+    if abs(vote) < LEAST_VOTE:
         notes.append("Which way the performer faces is doubtful: check right and left.")
     if len(feet) < 2:
         notes.append("The feet could not be told apart: the legs are a guess.")
@@ -105,14 +114,14 @@ def find_joints(
             "lifted or the hull has lost its end."
         )
     inside = _share_inside(joints, depths)
-    if inside < 0.9:
+    if inside < USUAL_INSIDE:
         notes.append(f"Only {inside:.0%} of the bones lie inside the hull: look at the picture.")
     sure = min(1.0, 2.0 * abs(vote)) * inside**2
     return joints, sure, notes
 
 
 def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) -> dict[str, Points]:
-    """Return the joints of the legs; feet one before the other may be the other way round."""
+    """Return the joints of the legs, with the feet exchanged where that fits much better."""
     hips = [
         trunk.hips + (2 * side - 1) * HIP_SHARE * trunk.stature_m * arms.left for side in range(2)
     ]
@@ -125,7 +134,7 @@ def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) ->
 
     ways = [measure(feet), measure(feet[::-1])]
     cost = [sum(leg.cost for leg in legs) for legs in ways]
-    chosen = ways[0] if cost[0] <= cost[1] + _CROSSED else ways[1]
+    chosen = ways[0] if cost[0] <= cost[1] + CROSSED else ways[1]
     joints = {}
     for name, leg in zip("RL", chosen, strict=True):
         joints |= {f"{name}Hip": leg.hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
@@ -139,12 +148,12 @@ def _share_inside(joints: Mapping[str, Points], depths: Depths) -> float:
 
 
 def bones_inside(joints: Mapping[str, Points], point: Points, voxel_m: float) -> float:
-    """Return the share of the bones' lengths that lies within a voxel of voxels (voxel, 3)."""
+    """Return the share of the bones' lengths that is no farther than a voxel from a point."""
     return float((KDTree(point).query(_along_bones(joints))[0] <= voxel_m).mean())
 
 
 def _along_bones(joints: Mapping[str, Points]) -> Points:
-    """Return points (12 a bone, 3) evenly along the bones."""
+    """Return points (point, 3), twelve evenly along each bone."""
     part = np.linspace(0.0, 1.0, 12)[:, None]
     pairs = [pair for chain in _CHAINS for pair in pairwise(chain)]
     return np.concatenate([joints[a] + part * (joints[b] - joints[a]) for a, b in pairs])

@@ -1,8 +1,7 @@
 """Find feet and knees of a performer whose arms are stretched, under trousers or a skirt.
 
-The legs may stand in any pose. Feet are what is near the floor; a knee is where two bones of
-the body's proportions, from the hip to the ankle, lie deepest inside the hull. Points are
-metres with y up.
+The legs may stand in any pose. Feet are near the floor. A knee is where thigh and shank, of the
+lengths that a body has, lie deepest inside the hull. Points are metres with y up.
 """
 
 from bisect import bisect_left
@@ -13,26 +12,80 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-Points = NDArray[np.float64]
+from tasks.body.anatomy.proportions import (
+    ANKLE_FROM_HEEL,
+    ANKLE_HEIGHT,
+    FOOT_HEIGHT,
+    FOOT_LENGTH,
+    SHANK_SHARE,
+    SOLE_HEIGHT,
+    THIGH_SHARE,
+    TOE_OUT,
+    Points,
+)
 
-THIGH_SHARE, SHANK_SHARE = 0.238, 0.243
-"""In statures: 0.245 and 0.246 by Drillis and Contini (1966); rigs have 0.23 to 0.25."""
-ANKLE_HEIGHT, FOOT_LENGTH = 0.039, 0.152
-"""In statures, both by Drillis and Contini."""
-FOOT_HEIGHT = 0.06
-"""What belongs to a foot above its lowest voxel, in statures."""
-SOLE_HEIGHT = 0.014
-"""Of heel and toe above the floor, in statures."""
 KNEE_ASIDE = 0.03
-"""How far a knee usually is beside the plane of hip, ankle and where it bends, in statures."""
-TOE_OUT = 10.0
-"""Degrees that a foot points farther outwards than its knee bends: the thigh-foot angle of adults
-(Staheli et al. 1985)."""
-TURNED_OUT, TURNED_OUT_SPREAD = 15.0, 20.0
-"""Degrees that a foot is turned out from where the performer faces: 7 in walking (Seber et al.
-2000), 60 in a dancer's first positions."""
+"""How far a knee usually is beside the plane of hip, ankle and where it bends [statures]. Chosen by
+eye on the shared captures; not measured."""
+
+TURNED_OUT = 15.0
+"""How far a foot is turned out from where the performer faces, usually [degrees]. 7 in walking
+(Seber et al. 2000), 60 in a dancer's first positions."""
+
+TURNED_OUT_SPREAD = 20.0
+"""How much that usually differs [degrees]. Chosen by eye on the shared captures; not measured."""
+
 INSIDE = 0.03
-"""Depth in the hull, in statures, from which a bone counts as inside: a shank's radius."""
+"""Depth in the hull from which a bone counts as inside [statures]. A shank's radius."""
+
+SHIN_HEIGHTS = (0.20, 0.13, FOOT_HEIGHT, 0.035)
+"""Heights above the floor below which two legs are looked for, one height after the other
+[statures]. Shins are told apart more surely than feet, and a skirt hides shins; chosen by eye on
+the shared captures, not measured."""
+
+FEET_APART = 0.12
+"""Width of what is near the floor from which two feet are in it [statures]. Chosen by eye on the
+shared captures; not measured."""
+
+SECOND_FOOT = 0.15
+"""Voxels of the second piece from which it is a foot [share of the first piece]. Chosen by eye on
+the shared captures; not measured."""
+
+SOLE_LAYER = 0.03
+"""Height of the layer of a foot that tells its direction [statures]. Chosen by eye on the shared
+captures; not measured."""
+
+LEAST_OBLONG = 1.5
+"""How much more a sole must spread along its longer axis than across to tell the foot's direction
+[ratio of variances]. Chosen by eye on the shared captures; not measured."""
+
+LEAST_AHEAD = 0.35
+"""Cosine of the largest angle between a foot and where the performer faces. 70 degrees, chosen by
+eye on the shared captures, not measured."""
+
+MOST_TOE = 0.65
+"""How far before the middle of a sole a toe is at most [lengths of the foot]. Chosen by eye on the
+shared captures; not measured."""
+
+LENGTH_SPREAD = 0.012
+"""How much the length of a thigh or shank usually differs from the usual one [statures]. Chosen by
+eye on the shared captures; not measured."""
+
+KNEE_GRIDS = ((0.24, 17), (0.03, 9))
+"""How far around the best knee so far others are looked for [statures], and how many of them along
+each direction. Coarse, then fine; chosen by eye on the shared captures, not measured."""
+
+FIRST_PART = 0.1
+"""Where on a thigh looking begins, from the hip, and a tenth nearer the knee on a shank [share of
+the bone]. At the joints themselves hulls are thin; chosen by eye on the shared captures, not
+measured."""
+
+LACK_COST = 60.0
+"""Cost of a leg that is nowhere in the hull. Chosen by eye on the shared captures; not measured."""
+
+BACKWARD_COST = 100.0
+"""Cost of a knee that bends backward [1 / stature]. Chosen by eye on the shared captures; not
+measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +98,8 @@ class Leg:
     heel: Points
     toe: Points
     cost: float
-    """How badly the knee fits lengths and hull, and the foot its side: of a usual leg 0.1 to 3."""
+    """How badly the knee fits lengths and hull, and the foot its side; a usual leg costs 0.1 to
+    3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +131,11 @@ def find_feet(
 ) -> list[Points]:
     """Return the voxels (voxel, 3) of the two feet, against and along `left`.
 
-    Feet are the lower ends of two shins, or what shows of two feet under a skirt. One list
-    where they cannot be told apart.
+    Feet are the lower ends of two shins, or what shows of two feet under a skirt. There is one foot
+    where two cannot be told apart.
     """
     low = point[:, 1].min()
-    for height in (0.20, 0.13, FOOT_HEIGHT, 0.035):
+    for height in SHIN_HEIGHTS:
         near = point[point[:, 1] < low + height * stature_m]
         pieces = _two_pieces(near, voxel_m)
         if pieces is not None:
@@ -90,7 +144,7 @@ def find_feet(
             return [piece[piece[:, 1] < piece[:, 1].min() + tall] for piece in pieces]
     near = point[point[:, 1] < low + FOOT_HEIGHT * stature_m]
     aside = (near - hips) @ left
-    if np.ptp(aside) < 0.12 * stature_m:
+    if np.ptp(aside) < FEET_APART * stature_m:
         return [near]
     cut = (aside.min() + aside.max()) / 2.0
     return [near[aside < cut], near[aside >= cut]]
@@ -99,7 +153,7 @@ def find_feet(
 def find_fork(cells: NDArray[np.integer], point: Points, feet: list[Points]) -> float | None:
     """Return the height above the floor at which two legs meet, m; None where feet are not two.
 
-    What is lower holds the two feet in pieces that share no face.
+    Below that height no voxel of the one leg shares a face with a voxel of the other.
 
     Parameters
     ----------
@@ -131,14 +185,14 @@ def find_fork(cells: NDArray[np.integer], point: Points, feet: list[Points]) -> 
 
 
 def _two_pieces(point: Points, voxel_m: float) -> list[Points] | None:
-    """Return the two largest connected pieces of points where there are two of similar size."""
+    """Return the two largest connected pieces of points, or None where the second is too small."""
     index = np.rint((point - point.min(axis=0)) / voxel_m).astype(np.int64)
     crop = np.zeros(index.max(axis=0) + 1, np.uint8)
     crop[tuple(index.T)] = 1
     piece = np.asarray(cc3d.connected_components(crop, connectivity=26))[tuple(index.T)]
     sizes = np.bincount(piece)
     order = np.argsort(sizes)[::-1]
-    if len(order) < 3 or sizes[order[1]] < 0.15 * sizes[order[0]]:
+    if len(order) < 3 or sizes[order[1]] < SECOND_FOOT * sizes[order[0]]:
         return None
     return [point[piece == order[k]] for k in range(2)]
 
@@ -153,7 +207,7 @@ def measure_leg(
     toe, heel = _foot_ends(foot, front, stature_m)
     along = (toe - heel) * [1.0, 0.0, 1.0]
     along /= max(float(np.linalg.norm(along)), 1e-9)
-    ankle = heel + 0.25 * FOOT_LENGTH * stature_m * along
+    ankle = heel + ANKLE_FROM_HEEL * FOOT_LENGTH * stature_m * along
     ankle[1] = foot[:, 1].min() + ANKLE_HEIGHT * stature_m
     out = np.degrees(np.arctan2(-along @ inward, along @ front))
     bends = np.radians(out - TOE_OUT)
@@ -164,20 +218,20 @@ def measure_leg(
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:
-    """Return toe and heel: the ends of the sole's longer axis, of a foot's usual length."""
+    """Return toe and heel: the ends of the sole's longer axis, a foot's usual length apart."""
     low = foot[:, 1].min()
-    sole = foot[foot[:, 1] < low + 0.03 * stature_m]
+    sole = foot[foot[:, 1] < low + SOLE_LAYER * stature_m]
     flat = sole[:, [0, 2]] - sole[:, [0, 2]].mean(axis=0)
     spread, axes = np.linalg.eigh(flat.T @ flat)
     axis = np.array([axes[0, 1], 0.0, axes[1, 1]])
-    if spread[1] < 1.5 * spread[0] or abs(axis @ front) < 0.35:
+    if spread[1] < LEAST_OBLONG * spread[0] or abs(axis @ front) < LEAST_AHEAD:
         axis = front
     axis = axis * np.sign(axis @ front)
     reach = sole @ axis
     middle = np.median(sole, axis=0)
     first, last = np.percentile(reach, [2, 98])
     length = FOOT_LENGTH * stature_m
-    last = min(last, float(middle @ axis) + 0.65 * length)
+    last = min(last, float(middle @ axis) + MOST_TOE * length)
     toe = middle + (last - middle @ axis) * axis
     heel = middle + (max(first, last - length) - middle @ axis) * axis
     toe[1] = heel[1] = low + SOLE_HEIGHT * stature_m
@@ -196,18 +250,20 @@ def _find_knee(
     aside = np.cross(down, ahead)
     best = hip + THIGH_SHARE / (THIGH_SHARE + SHANK_SHARE) * length * down
     least = np.inf
-    part = np.linspace(0.1, 1.0, 10)[:, None, None]
-    for reach, count in ((0.24, 17), (0.03, 9)):
+    part = np.linspace(FIRST_PART, 1.0, 10)[:, None, None]
+    for reach, count in KNEE_GRIDS:
         steps = np.linspace(-reach, reach, count) * stature_m
         a, b, c = (x.ravel() for x in np.meshgrid(steps, steps, steps / 2.0, indexing="ij"))
         knee = best + a[:, None] * ahead + b[:, None] * aside + c[:, None] * down
         thigh, shank = np.linalg.norm(knee - hip, axis=1), np.linalg.norm(ankle - knee, axis=1)
-        wrong = ((thigh / stature_m - THIGH_SHARE) / 0.012) ** 2
-        wrong += ((shank / stature_m - SHANK_SHARE) / 0.012) ** 2
-        lines = np.concatenate([hip + part * (knee - hip), ankle + (part - 0.1) * (knee - ankle)])
+        wrong = ((thigh / stature_m - THIGH_SHARE) / LENGTH_SPREAD) ** 2
+        wrong += ((shank / stature_m - SHANK_SHARE) / LENGTH_SPREAD) ** 2
+        lines = np.concatenate(
+            [hip + part * (knee - hip), ankle + (part - FIRST_PART) * (knee - ankle)]
+        )
         lack = np.clip(1.0 - depths.at(lines) / (INSIDE * stature_m), 0.0, None)
         backward = np.clip(-(knee - hip) @ ahead / stature_m, 0.0, None)
         off = ((knee - hip) @ aside / (KNEE_ASIDE * stature_m)) ** 2
-        cost = wrong + 60.0 * (lack**2).mean(axis=0) + 100.0 * backward + off
+        cost = wrong + LACK_COST * (lack**2).mean(axis=0) + BACKWARD_COST * backward + off
         best, least = knee[int(np.argmin(cost))], float(cost.min())
     return best, least

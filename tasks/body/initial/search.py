@@ -1,10 +1,10 @@
 """Find the joints and labels that a take begins with (digitization paper, section 3.3).
 
-The performer begins with the arms stretched sideways. The paper does not say how the voxels of
-that frame get their segments; here joints are read off the hull's shape, from published
-proportions where clothes hide them, and each voxel takes the bone it is nearest to. Whoever
-wants to places the joints by hand instead (`initial.json`). What a performer wears and how the
-legs stand are free; the arms have to show.
+The performer begins with the arms stretched sideways. The paper does not say how the voxels of that
+frame get their segments. Here the hull's shape tells the joints, published proportions tell them
+where clothes hide them, and each voxel takes the label of the bone it is nearest to. A person may
+place the joints by hand instead (`initial.json`). Performers may wear anything and stand in any
+way; only their arms have to show.
 """
 
 import math
@@ -17,11 +17,22 @@ from scipy.spatial import KDTree
 
 from storage.errors import InputError
 from storage.schema import JOINTS
-from tasks.body.anatomy.nearest_bones import NEEDED, label_points
+from tasks.body.anatomy.nearest_bones import PLACED_JOINTS, label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
 from tasks.body.initial.joints import bones_inside, find_joints
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
+
+TOLD_FROM = 0.5
+"""How much a frame must have lost for a note to say so [shares of `most_lost`]. Chosen by eye on
+the shared captures; not measured."""
+
+FARTHEST_M = 0.15
+"""How far from every voxel a joint may be. A finger tip that the hull has lost is less far off, a
+body beside the hull is farther."""
+
+NOWHERE_M = 1e9
+"""A coordinate far from every voxel. It stands for that of a joint that is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +46,9 @@ class InitialModel:
     label: NDArray[np.uint8]
     """(voxel,) segment 1 to 11 of that frame's voxels, in order; 0 for specks off the body."""
     confidence: float
-    """0 to 1: how well the shape was what is expected of stretched arms, and how whole it was."""
+    """From 0 to 1: how well the shape fitted stretched arms, and how whole it was."""
     notes: tuple[str, ...]
-    """What to know about it, a sentence each."""
+    """What a user should know about the model, a sentence each."""
 
 
 def find_initial_model(
@@ -51,13 +62,13 @@ def find_initial_model(
 ) -> InitialModel:
     """Return the joints and labels of the whole frame that shows stretched arms best.
 
-    Joints are measured with what the frames around it have and it has lost; labels are of its own
-    voxels.
+    Where that frame has lost a part, the frames around it lend theirs to measure the joints. The
+    labels are of the frame's own voxels.
 
     Parameters
     ----------
     runs
-        The take's hulls; at least those of the first second.
+        The take's hulls; at least those of the first `looked_at_s` of the settings.
     grid
         What was carved.
     rate_hz
@@ -93,7 +104,7 @@ def find_initial_model(
     label = np.zeros(len(best.index), np.uint8)
     label[best.is_body] = label_points(voxel_centers(grid, best.index[best.is_body]), joints)
     position = np.array([joints.get(name, np.full(3, np.nan)) for name in JOINTS])
-    if best.lost > 0.5 * settings.most_lost:
+    if best.lost > TOLD_FROM * settings.most_lost:
         notes.append(
             "Parts of the body that other frames show are not in this frame's hull: what the "
             "frames around it have was put back."
@@ -109,7 +120,7 @@ def model_from_joints(
     *,
     frame: int | None = None,
     label: NDArray[np.integer] | None = None,
-    farthest_m: float = 0.15,
+    farthest_m: float = FARTHEST_M,
 ) -> InitialModel:
     """Return the initial model of joints that a person placed (`initial.json`).
 
@@ -125,8 +136,7 @@ def model_from_joints(
     label : (voxel,) int
         Segments of that frame's voxels; made from the joints where None.
     farthest_m
-        A joint farther than this from every voxel is not the performer's: a finger tip that the
-        hull has lost is less far off, a body beside the hull farther.
+        A joint farther than this from every voxel is not the performer's.
 
     Raises
     ------
@@ -146,10 +156,10 @@ def model_from_joints(
     place = np.array(position, np.float64)
     joints = dict(zip(JOINTS, place, strict=True))
     faults = []
-    missing = [name for name in NEEDED if not np.isfinite(joints[name]).all()]
+    missing = [name for name in PLACED_JOINTS if not np.isfinite(joints[name]).all()]
     if missing:
         faults.append(f"{', '.join(missing)} must be placed")
-    distance = KDTree(point).query(np.where(np.isfinite(place), place, 1e9))[0]
+    distance = KDTree(point).query(np.where(np.isfinite(place), place, NOWHERE_M))[0]
     found = np.asarray(np.isfinite(place).all(axis=1))
     for number in np.flatnonzero(found & (distance > farthest_m)):
         faults.append(
@@ -192,7 +202,7 @@ def label_from_joints(
         There is no such frame, or one of the other joints is missing.
     """
     joints = {name: np.asarray(p, np.float64) for name, p in zip(JOINTS, position, strict=True)}
-    missing = [name for name in NEEDED if not np.isfinite(joints[name]).all()]
+    missing = [name for name in PLACED_JOINTS if not np.isfinite(joints[name]).all()]
     if missing:
         raise ValueError(f"voxels cannot be labelled without {', '.join(missing)}; place them")
     return label_points(voxel_centers(grid, voxel_index(runs, frame)), complete_joints(joints))
@@ -205,7 +215,7 @@ def _refuse_what_is_no_body(
     grid: VoxelGrid,
     settings: InitialModelSettings,
 ) -> None:
-    """Refuse joints whose bones lie beside the voxels: something else was taken for the arms."""
+    """Refuse joints whose bones lie beside the voxels: they are not those of a body."""
     share = bones_inside(joints, point, grid.voxel_m)
     if share < settings.least_inside:
         raise InputError(

@@ -1,29 +1,72 @@
 """Measure head, spine and hips of a performer who stretches the arms.
 
-The height of the hips is told by the proportions of a body and, where it shows, by the fork of the
-legs; both are weighted by how well they are known. Points are metres with y up.
+The proportions of a body tell the height of the hips; so does the fork of the legs where it shows.
+Both are weighted by how well they are known. Points are metres with y up.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tasks.body.anatomy.proportions import Points
-from tasks.body.initial.arms import (
+from tasks.body.anatomy.proportions import (
     HEAD_ABOVE_ARMS,
-    HIGHER_SPREAD,
-    HIGHER_WITHIN,
     HIPS_ABOVE_FORK,
     HIPS_BELOW_TOP,
-    HIPS_SPREAD,
-    LOWER_SPREAD,
-    LOWER_WITHIN,
     NECK_SHARE,
     SHOULDER_SHARE,
     SPAN_PER_STATURE,
     WAIST_SHARE,
-    Arms,
+    Points,
 )
+from tasks.body.initial.arms import HEAD_AHEAD, HEAD_ASIDE, NECK_ASIDE, Arms
+
+HIPS_SPREAD = 0.02
+"""How far the hips of a body in its pose usually are from where proportions have them [statures].
+Chosen by eye on the shared captures; not measured."""
+
+HIGHER_SPREAD = 0.012
+"""How much a fork of the legs that is higher than usual usually errs [statures]. Chosen by eye on
+the shared captures; not measured."""
+
+HIGHER_WITHIN = 0.07
+"""How much higher than usual a fork of the legs may be [statures]. Chosen by eye on the shared
+captures; not measured."""
+
+LOWER_SPREAD = 0.02
+"""How much a fork of the legs that is lower than usual usually errs [statures]. Thighs may touch,
+and trousers hang."""
+
+LOWER_WITHIN = 0.05
+"""How much lower than usual a fork of the legs may be [statures]. What is lower is a skirt's
+hem."""
+
+HEAD_LEAST = 0.05
+"""How far above the shoulders voxels of the head are at least [half spans]. Chosen by eye on the
+shared captures; not measured."""
+
+CAP = 0.05
+"""Height of the cap of the head whose middle is the head's [half spans]. Chosen by eye on the
+shared captures; not measured."""
+
+HEAD_GUESS = 0.4
+"""Height of the head above the shoulders where no head shows [half spans]. It is what
+`USUAL_REACH` says, 0.417, roughly."""
+
+NECK_SLAB = 0.03
+"""How far above and below the neck the slab reaches that tells where the neck is [half spans].
+Chosen by eye on the shared captures; not measured."""
+
+NECK_AHEAD = 0.25
+"""How far before or behind the arms' line a voxel of the neck is at most [half spans]. Chosen by
+eye on the shared captures; not measured."""
+
+TRUNK_SLAB = 0.06
+"""How far above and below the hips the slab reaches that tells where the trunk is [half spans].
+Chosen by eye on the shared captures; not measured."""
+
+TRUNK_AROUND = 0.30
+"""How far to each side of the hips a voxel of that slab is at most [half spans]. Chosen by eye on
+the shared captures; not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +77,7 @@ class Trunk:
     neck: Points
     waist: Points
     hips: Points
-    """(3,) each; `hips` is the middle of the hip joints."""
+    """(3,) the middle of the hip joints, as the other three are points (3,)."""
     stature_m: float
 
 
@@ -44,16 +87,16 @@ def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | 
     aside, ahead = (point - arms.middle) @ arms.left, (point - arms.middle) @ arms.front
     shoulders = np.mean([arms.along(side, SHOULDER_SHARE) for side in range(2)], axis=0)
     height, up = point[:, 1], np.array([0.0, 1.0, 0.0])
-    column = (abs(aside) < 0.2 * half) & (abs(ahead) < 0.35 * half)
-    column &= height > shoulders[1] + 0.05 * half
-    top = height[column].max() if column.any() else shoulders[1] + 0.4 * half
-    cap = column & (height > top - 0.05 * half)
-    head = point[cap].mean(axis=0) if cap.any() else shoulders + up * 0.4 * half
+    column = (abs(aside) < HEAD_ASIDE * half) & (abs(ahead) < HEAD_AHEAD * half)
+    column &= height > shoulders[1] + HEAD_LEAST * half
+    top = height[column].max() if column.any() else shoulders[1] + HEAD_GUESS * half
+    cap = column & (height > top - CAP * half)
+    head = point[cap].mean(axis=0) if cap.any() else shoulders + up * HEAD_GUESS * half
     head[1] = top + voxel_m / 2
     above = head[1] - shoulders[1]
     neck = shoulders + NECK_SHARE * above * up
-    section = (abs(height - neck[1]) < 0.03 * half) & (abs(aside) < 0.12 * half)
-    section &= abs(ahead) < 0.25 * half  # sleeves draw the arms' line forward, not the neck
+    section = (abs(height - neck[1]) < NECK_SLAB * half) & (abs(aside) < NECK_ASIDE * half)
+    section &= abs(ahead) < NECK_AHEAD * half  # sleeves draw the arms' line forward, not the neck
     if section.any():
         neck += (np.mean(point[section] @ arms.front) - neck @ arms.front) * arms.front
     low = height.min() - voxel_m / 2
@@ -66,12 +109,12 @@ def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | 
 
 
 def lift_hips(trunk: Trunk, fork_m: float | None) -> Trunk:
-    """Return the trunk with its hips where proportions and the fork of the legs say together.
+    """Return the trunk with its hips where proportions and the fork of the legs together put them.
 
     Parameters
     ----------
     trunk
-        With its hips by the proportions.
+        The hips are where proportions put them.
     fork_m
         As `find_fork` returned it.
     """
@@ -88,13 +131,13 @@ def lift_hips(trunk: Trunk, fork_m: float | None) -> Trunk:
 
 
 def _follow_trunk(point: Points, arms: Arms, neck: Points, length: float, half: float) -> Points:
-    """Return the middle of the hips: so far down from the neck, where the trunk's slabs lead."""
+    """Return the middle of the hips: `length` down from the neck, where the trunk's slabs lead."""
     hips = neck - [0.0, length, 0.0]
     for _ in range(3):
-        near = abs(point[:, 1] - hips[1]) < 0.06 * half
+        near = abs(point[:, 1] - hips[1]) < TRUNK_SLAB * half
         beside = point - hips
-        near &= abs(beside @ arms.left) < 0.30 * half
-        near &= abs(beside @ arms.front) < 0.30 * half
+        near &= abs(beside @ arms.left) < TRUNK_AROUND * half
+        near &= abs(beside @ arms.front) < TRUNK_AROUND * half
         if near.sum() < 8:
             break
         center = hips.copy()

@@ -1,10 +1,10 @@
 """Distance from the voxels that a body began with, carried along by its bones.
 
-Each bone keeps the signed distance from its voxels of the initial frame: negative inside. Where
-two bones turned against each other, what they both lie on or both left is parted half-way, as
-skin over a joint is. Distances are looked up, not interpolated: that changes the labels of
-rendered captures by less than 0.1 %; and between two voxels of one bone, at most eight apart on
-a line, all are taken to be its.
+Each bone keeps the signed distance from its voxels of the initial frame, negative inside. Two bones
+that turned against each other both lie on some voxels, and both left others; such voxels are parted
+half-way, as skin over a joint is. Distances are looked up and not interpolated, which changes the
+labels of rendered captures by less than 0.1 %. Where two voxels of a line, at most eight apart, are
+nearest to one bone, all voxels between them are taken to be.
 """
 
 from dataclasses import dataclass
@@ -17,9 +17,20 @@ from scipy.ndimage import distance_transform_edt
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-_CUBE = 8  # voxels of a side: so that few bones are near, and a line in it is short
-_NONE = 127 << 8  # a distance, and after it the bone: the least is the nearest, of equals the first
-_SLACK = 2.5  # voxels: of two look-ups, each rounded, and of distances from a voxel's center
+_CUBE = 8
+"""Side of a cube in which the near bones are the same [voxels]. So few bones are near, and a line
+in a cube is short."""
+
+_FULL = 127.0
+"""The largest distance, as it is stored."""
+
+_NONE = int(_FULL) << 8
+"""The key of no bone. A key is a distance and after it a bone: the least key is the nearest bone,
+of equally near ones the first."""
+
+_SLACK = 2.5
+"""What a bone may be nearer than its distance says [voxels]. Of two look-ups, each rounded, and of
+distances from a voxel's center."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +44,11 @@ class BoneFields:
     """(bone, 3) cells of the box; 0 of a bone that has no voxels."""
 
     distance: NDArray[np.int8]
-    """(cell,) 127ths of `most`, the boxes' cells one box after the other, each in the order of
-    voxels; farther and deeper than `most` is not told apart."""
+    """(cell,) the distance in 127ths of `most`, of one box after the other. Within a box the cells
+    are in the order of voxels. No distance is larger than `most`."""
 
     most: int
-    """Voxels from which a voxel is no bone's."""
+    """How far from every bone a voxel is no bone's, in voxels."""
 
 
 def make_fields(
@@ -54,7 +65,7 @@ def make_fields(
     bones
         How many bones there are.
     most
-        Voxels from which a voxel is no bone's.
+        How far from every bone a voxel is no bone's, in voxels.
     """
     begin, sides = np.zeros((bones, 3), np.int64), np.zeros((bones, 3), np.int64)
     distance = [np.zeros(0, np.int8)]
@@ -69,7 +80,7 @@ def make_fields(
         outward = np.maximum(_distance(~inside) - 0.5, 0.0)
         inward = np.maximum(_distance(inside) - 0.5, 0.0)
         share = np.clip((outward - inward) / most, -1.0, 1.0)
-        distance.append(np.rint(127.0 * share).astype(np.int8).ravel())
+        distance.append(np.rint(_FULL * share).astype(np.int8).ravel())
     return BoneFields(begin, sides, np.concatenate(distance), most)
 
 
@@ -113,7 +124,7 @@ def nearest_bones(
         np.concatenate([turn, local[:, :, None]], axis=2).reshape(-1, 12),
         np.column_stack([offset[:-1], fields.sides]),
         fields.distance,
-        127.0 / fields.most,
+        _FULL / fields.most,
         (value, nearest),
     )
     return nearest
@@ -145,13 +156,13 @@ def carry_back(
 
 
 def _distance(of: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance of True cells from the nearest False one."""
+    """Return how far each True cell is from the nearest False one."""
     return np.asarray(distance_transform_edt(of))
 
 
 @njit(cache=True, nogil=True)
 def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, values: Any) -> None:
-    """Write the value of the nearest bone of each voxel, stretch after stretch along z in a cube.
+    """Write the value of each voxel's nearest bone, cube after cube along each line.
 
     `boxes`: where the cells of each bone begin, and their sides.
     """
@@ -172,7 +183,7 @@ def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, v
                 middle = (
                     low[0] + i * _CUBE + half, low[1] + j * _CUBE + half, low[2] + k * _CUBE + half,
                 )  # fmt: skip
-                _bound(middle, half * np.sqrt(3.0), back, boxes, distance, (unit, lower))
+                _bound(middle, half * np.sqrt(3), back, boxes, distance, (unit, lower))
                 looked[cube] = 1 + _choose(lower, known, cube)
             size = min(stop, low[2] + (k + 1) * _CUBE) - z
             near = (cube, looked[cube] - 1)
@@ -194,7 +205,7 @@ def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, v
 
 @njit(cache=True, nogil=True)
 def _look(ends: Any, near: Any, known: Any, back: Any, boxes: Any, distance: Any) -> Any:
-    """Return which of the bones of a cube two voxels are deepest in or nearest to.
+    """Return the bones of a cube in which two voxels are deepest, or to which they are nearest.
 
     `ends`: the one, and how much farther along z the other is. Beyond its box a bone is as far as
     at the rim.
@@ -242,10 +253,10 @@ def _cubes_around(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bounds: Any) -> None:
-    """Write how near each bone may be somewhere in a ball; infinity where another is nearer."""
+    """Write how near a ball each bone may be; infinity for a bone that is nowhere the nearest."""
     unit, lower = bounds
     x, y, z = middle
-    least = 127.0
+    least = _FULL
     change = unit * (radius + _SLACK) + 1.0  # and of rounding to a 127th
     for b in range(len(back)):
         lower[b] = np.inf
@@ -268,7 +279,7 @@ def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bound
 
 @njit(cache=True, nogil=True)
 def _choose(lower: Any, known: Any, cube: Any) -> Any:
-    """Write which bones may be the nearest somewhere in a cube; return how many they are."""
+    """Write the bones that may be the nearest somewhere in a cube; return how many they are."""
     near = 0
     for b in range(len(lower)):
         if lower[b] < np.inf:

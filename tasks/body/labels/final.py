@@ -1,15 +1,16 @@
 """Label the voxels of a frame by the segments that were fitted to it (digitization paper, 3.4.3).
 
-A voxel belongs to the segment whose distribution it is nearest to, by the squared Mahalanobis
-distance of equation (5); then each segment becomes one connected region. So it is with the poses
-of the method `paper`.
+With the poses of the method `paper` a voxel belongs to the segment whose distribution it is nearest
+to, by the squared Mahalanobis distance of equation (5). Then each segment becomes one connected
+region.
 
-With those of `joint` a voxel belongs to the segment whose voxels of the initial frame, carried
-along by their bone, it is deepest in or nearest to. Equation (5) knows of a segment only how its
-voxels spread; so the border between a long segment and a short one, a thick and a thin one, is
-not where it was cut. On four rendered captures the labels of 91.5, 90.5, 87.9 and 86.0 % of the
-voxels are right by equation (5), with several blobs a segment, and of 92.4, 90.7, 88.3 and 86.0 %
-so. Cloth that hangs far from every bone takes the label that it is connected to.
+With the poses of `joint` the bones carry along the voxels that they have in the initial frame. A
+voxel belongs to the segment in whose carried voxels it is deepest, or to which it is nearest.
+Equation (5) knows of a segment only how its voxels spread; so it moves the border between a long
+segment and a short one, a thick and a thin one. On four rendered captures the labels of 91.5, 90.5,
+87.9 and 86.0 % of the voxels are right by equation (5), with several blobs a segment, and of 92.4,
+90.7, 88.3 and 86.0 % by carried voxels. Cloth that hangs far from every bone takes the label that
+it is connected to.
 """
 
 from collections.abc import Mapping
@@ -26,13 +27,18 @@ from tasks.body.labels.regions import clean_labels
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import VoxelLines
 
-__all__ = ["clean_labels", "label_carried", "label_frame", "make_body_fields", "nearest_segments"]
+NEAR = 0.05
+"""How far from a body a voxel is no part of it, and labeled last [statures]. 8 cm of 1.7 m; chosen
+by eye on the shared captures, not measured."""
 
-_NEAR = 0.05  # statures, 8 cm of 1.7 m: what is farther from a body is not it, and labeled last
-_LABEL = np.append(SEGMENT + 1, 0).astype(np.uint8)  # of each bone, and of none
+_LABEL = np.append(SEGMENT + 1, 0).astype(np.uint8)
+"""(bone + 1,) the label of each bone, and of none."""
 
-_LESS = np.float32(1 - 1e-4)  # bounds hold in spite of rounding
-_BLOCK = 64  # voxels in order: they lie together, so that few blobs are near all of them
+_LESS = np.float32(1 - 1e-4)
+"""By what factor bounds are relaxed, so that they hold in spite of rounding."""
+
+_BLOCK = 64
+"""Voxels that are looked at together. They lie together, so that few blobs are near all of them."""
 
 
 def nearest_segments(
@@ -124,7 +130,7 @@ def make_body_fields(
     joints: Mapping[str, NDArray[np.floating]],
     voxel_m: float,
 ) -> BoneFields:
-    """Return what labels the voxels of other frames: the body of the initial one.
+    """Return the body of the initial frame, by which the voxels of other frames are labeled.
 
     Cloth around arms and legs is left out: it hangs elsewhere in another pose.
 
@@ -148,7 +154,7 @@ def make_body_fields(
     point = np.asarray(center, np.float64)
     bone = bones_of_voxels(point, np.asarray(label), whole, forward)
     bone[~is_limb(point, whole, label)] = -1
-    most = max(1, round(_NEAR * body_size(whole) / voxel_m))
+    most = max(1, round(NEAR * body_size(whole) / voxel_m))
     return make_fields(index, bone, len(BONES), most)
 
 
@@ -158,7 +164,7 @@ def label_carried(
     turn: NDArray[np.floating],
     shift: NDArray[np.floating],
 ) -> NDArray[np.uint8]:
-    """Return the final labels of a frame: the initial body's, each one connected region.
+    """Return the final labels of a frame from the initial body's, each one connected region.
 
     Parameters
     ----------
@@ -181,8 +187,8 @@ def label_carried(
 def _label(voxels: Any, mean: Any, whitening: Any, value: Any, label: Any) -> None:
     """Write the value of the blob that each voxel is nearest to.
 
-    A blob that is farther from the box around some voxels than another blob is at most from any
-    of them is none of theirs.
+    Voxels are looked at in blocks. A blob is skipped that is farther from the box around a block
+    than another blob is at most from any of its voxels.
     """
     x, y, z = voxels[0], voxels[1], voxels[2]
     least = np.empty(_BLOCK, np.float32)

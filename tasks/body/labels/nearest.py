@@ -1,8 +1,8 @@
 """The labeled voxel that is nearest to each of others, found column by column.
 
-The voxel of a line along z that is nearest to a place is known at once; so no more columns are
-looked at than are as near as what was found, however many voxels these hold. What is far from all
-voxels is compared with boxes around some lines each, the nearest box first.
+The voxel of a line along z that is nearest to a place is known at once. So columns are looked at
+only as far as the nearest voxel found so far, however many voxels they hold. A place that is far
+from all voxels is compared with boxes, each around some lines, the nearest box first.
 """
 
 from typing import Any
@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
-_REACH = 10  # columns within which they are looked at in the order of their distance
-_TOGETHER = 16  # lines in a box
+_REACH = 10
+"""How far around columns are looked at in the order of their distance [voxels]. Farther voxels are
+few."""
+
+_TOGETHER = 16
+"""Lines in a box."""
 
 
 def _columns_around() -> NDArray[np.int64]:
@@ -27,9 +31,16 @@ def _columns_around() -> NDArray[np.int64]:
 
 
 _AROUND = _columns_around()
-_BITS = 32  # of a key, for the place in the list
+"""(column, 3) the columns that are looked at."""
+
+_BITS = 32
+"""Bits of a key that hold the place in the list."""
+
 _PLACE = 2**_BITS - 1
+"""The bits of a key that hold the place."""
+
 _FAR = 2**62
+"""A key that is larger than every other."""
 
 
 def copy_nearest(
@@ -54,7 +65,7 @@ def copy_nearest(
 
 
 def fill_from_nearest(label: NDArray[np.uint8], lines: VoxelLines) -> None:
-    """Write the label of the nearest labeled voxel for each voxel with 0.
+    """Write the label of the nearest labeled voxel into each voxel with 0.
 
     Of equally near voxels the first in order is taken.
 
@@ -70,7 +81,7 @@ def fill_from_nearest(label: NDArray[np.uint8], lines: VoxelLines) -> None:
 
 @njit(cache=True, nogil=True)
 def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None:
-    """Write the label of the nearest voxel before, for each voxel."""
+    """Write for each voxel the label of the nearest voxel of the other frame."""
     start, box = _columns_of(before)
     corners = _boxes_of(before)
     key = np.empty(_longest(lines), np.int64)
@@ -103,7 +114,7 @@ def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None
 
 @njit(cache=True, nogil=True)
 def _fill(lines: Any, label: Any, around: Any) -> None:
-    """Write the label of the nearest labeled voxel into lines without."""
+    """Write the label of the nearest labeled voxel into each voxel of lines without labels."""
     is_lost = np.empty(len(lines), np.bool_)
     for line in range(len(lines)):
         is_lost[line] = label[lines[line, FIRST]] == 0
@@ -131,7 +142,7 @@ def _longest(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _columns_of(lines: Any) -> Any:
-    """Return each column's first line (one more), in a box, and the box: corner x, y and sides."""
+    """Return the first line of each column of a box (one more at the end), and the box itself."""
     low, high = lines[0, Y], lines[0, Y]
     for line in range(len(lines)):
         low, high = min(low, lines[line, Y]), max(high, lines[line, Y])
@@ -149,7 +160,7 @@ def _columns_of(lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _boxes_of(lines: Any) -> Any:
-    """Return (box, 6) the first and the last index along x, y and z of lines that are together."""
+    """Return (box, 6) the first and the last index along x, y and z of each group of lines."""
     corners = np.empty(((len(lines) - 1) // _TOGETHER + 1, 6), np.int32)
     corners[:, :3], corners[:, 3:] = 2**31 - 1, -(2**31)
     for line in range(len(lines)):
@@ -207,7 +218,7 @@ def _find_far(voxels: Any, lines: Any, corners: Any, key: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _take_nearer(ahead: Any, beside: Any, lines: Any, line: Any, size: Any, key: Any) -> Any:
-    """Write the keys of a line's voxels where these are less; return the largest that is left."""
+    """Write the keys of a line's voxels where they are less; return the largest key left."""
     most, last, place = np.int64(0), np.int64(lines[line, LENGTH] - 1), np.int64(lines[line, FIRST])
     for n in range(size):
         step = min(max(ahead + n, 0), last)

@@ -1,9 +1,9 @@
 """Regions of labeled voxels: the largest region of a label, growing (3.4.1, 3.4.3).
 
-Voxels are neighbors when they share a face. A frame's voxels are lines along z; a stretch is as
-much of a line as has one label. Stretches are joined to those that they touch in the columns
-before them, so that regions are found without looking at voxels; and only voxels without a label
-are asked for their neighbors.
+Voxels are neighbors when they share a face. A frame's voxels are lines along z; a stretch is a part
+of a line with one label. Stretches are joined to those that they touch in the columns before them,
+so that regions are found without looking at voxels. Only voxels without a label are asked for their
+neighbors.
 """
 
 from typing import Any
@@ -16,33 +16,11 @@ from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
 NOBODY = -1
-"""The region of a voxel that is in none, and the neighbor where there is none."""
+"""The region of a voxel that is in no region, and the neighbor where there is none."""
 
-_X, _Y, _Z, _END, _VALUE, _VOXEL = range(6)  # of a stretch; the end is the z after its last voxel
-
-
-def label_regions(
-    label: NDArray[np.uint8], lines: VoxelLines
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return which connected region of one label each voxel is in, and the regions' sizes.
-
-    Parameters
-    ----------
-    label : (voxel,) uint8
-        0 is no label, and in no region.
-    lines
-        The voxels.
-
-    Returns
-    -------
-    region : (voxel,) int32
-        From 0, in the order of their first voxels; -1 without label.
-    size : (region,) int64
-        Voxels in each.
-    """
-    stretch = _find_stretches(label, lines.table)
-    region, size = _find_regions(stretch, *_find_columns(stretch))
-    return np.repeat(region, stretch[:, _END] - stretch[:, _Z]), size
+_X, _Y, _Z, _END, _VALUE, _VOXEL = range(6)
+"""The numbers of a stretch: where it begins, the z after its last voxel, its label, and the place
+of its first voxel in the list."""
 
 
 def clean_labels(label: NDArray[np.integer], lines: VoxelLines) -> NDArray[np.uint8]:
@@ -136,7 +114,7 @@ def _find_stretches(label: Any, lines: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _find_columns(stretch: Any) -> Any:
-    """Return each column's first stretch (one more), and the columns towards -y, +y, -x, +x."""
+    """Return the first stretch of each column (one more at the end), and the columns around it."""
     column = np.empty(len(stretch) + 1, np.int32)
     count = 0
     for s in range(len(stretch)):
@@ -200,7 +178,7 @@ def _join(stretch: Any, column: Any, own: Any, other: Any, first: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def first_of(first: Any, one: Any) -> Any:
-    """Return what stands for one of some things that were joined, and shorten the way there."""
+    """Return the first of the things that one was joined with, and shorten the way there."""
     while first[one] != one:
         first[one] = first[first[one]]
         one = first[one]
@@ -209,7 +187,7 @@ def first_of(first: Any, one: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _find_neighbors(stretch: Any, column: Any, beside: Any, count: Any) -> Any:
-    """Return the voxels of the stretches without label, and their neighbors in all six ways."""
+    """Return the voxels without a label, and the neighbors of each in all six directions."""
     voxel, around = np.empty(count, np.int32), np.full((count, 6), NOBODY, np.int32)
     begin = 0
     for c in range(len(beside)):
@@ -245,7 +223,7 @@ def _write_beside(stretch: Any, own: Any, part: Any, around: Any, begin: Any, wa
 
 @njit(cache=True, nogil=True)
 def _grow(label: Any, voxel: Any, around: Any) -> Any:
-    """Write labels into voxels without, ring by ring; return how many are not reached."""
+    """Write labels into voxels that have none, ring by ring; return how many are not reached."""
     waiting = np.arange(len(voxel))
     found = np.empty(len(voxel), np.uint8)
     left = len(voxel)

@@ -137,7 +137,7 @@ def label_skin(
 
 @njit(cache=True, nogil=True)
 def _find_skin(lines: Any, is_surface: Any, color: Any, camera: Any, is_skin: Any) -> Any:
-    """Return place in the list and index of the surface voxels whose own color is skin's."""
+    """Return the surface voxels whose own color is skin's: place in the list, and index."""
     voxel, index = np.empty(len(is_surface), np.int32), np.empty((len(color), 3), np.int32)
     seen = found = line = 0
     for n in range(len(is_surface)):
@@ -160,7 +160,7 @@ def _find_skin(lines: Any, is_surface: Any, color: Any, camera: Any, is_skin: An
 def _choose_regions(
     center: Any, place: Any, region: Any, size: Any, limits: Any, owner: Any
 ) -> None:
-    """Write which place each voxel belongs to, -1 for none: of the regions nearest to the places.
+    """Write each voxel's place, -1 for none; a place has the region that is nearest to it.
 
     `limits`: how far from its place a region may be, and how many voxels it has at least.
     """
@@ -187,7 +187,7 @@ def _choose_regions(
 
 
 def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the region of each voxel, of voxels within two of each other, and the sizes."""
+    """Return the region of each voxel and the sizes; a region's voxels are within two voxels."""
     first = np.arange(len(index), dtype=np.int32)
     _join_near(np.ascontiguousarray(index, np.int32), first)
     count = _number(first)
@@ -196,7 +196,7 @@ def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArra
 
 @njit(cache=True, nogil=True)
 def _join_near(index: Any, first: Any) -> None:
-    """Write for each voxel one that stands for all that are within two of each other."""
+    """Write for each voxel the one that stands for its region; neighbors are within two voxels."""
     low, high = index[:, 1].min(), index[:, 1].max()
     sides = high - low + 1
     column = np.zeros((index[-1, 0] - index[0, 0] + 1) * sides + 1, np.int32)  # voxels before it

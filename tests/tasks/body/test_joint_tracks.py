@@ -85,7 +85,9 @@ def test_what_is_not_seen_is_flagged_where_its_segment_fits_badly():
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match=r"qualities of shape \(4, 11\) do not fit"):
         joint_tracks.build_joint_track(np.zeros((5, 21, 3)), np.zeros((4, 11)), SETTINGS)
-    with pytest.raises(ValueError, match=r"radius -0\.1 must be finite.*least_quality 2 must be"):
+    with pytest.raises(
+        ValueError, match=r"radius is -0\.1, it must be .*least_quality is 2, it must be"
+    ):
         joint_tracks.JointTrackSettings(radius=-0.1, least_quality=2)
-    with pytest.raises(ValueError, match="least_voxels 0 must be 1"):
+    with pytest.raises(ValueError, match="least_voxels is 0, it must be a whole number 1"):
         joint_tracks.JointTrackSettings(least_voxels=0)

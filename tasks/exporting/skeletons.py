@@ -105,7 +105,8 @@ def fit_skeleton(
     position = np.asarray(position, np.float64)
     if position.ndim != 3 or position.shape[1:] != (len(joints), 3):
         raise ValueError(
-            f"position is {position.shape}, (time, {len(joints)}, 3) is wanted: a place a joint"
+            f"position is {position.shape}, (time, {len(joints)}, 3) is wanted: one place for "
+            "each joint"
         )
     unknown = sorted(set(joints) - {*_PARENT, "RHip", "LHip"})
     if unknown:

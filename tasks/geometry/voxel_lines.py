@@ -41,7 +41,10 @@ def lines_of(runs: VoxelRuns) -> VoxelLines:
         If there is not one frame.
     """
     if runs.frames != 1:
-        raise ValueError(f"{runs.frames} frames are no lines of one; pass what take_frame gives")
+        raise ValueError(
+            f"runs of {runs.frames} frames were given where those of one are wanted; "
+            "pass what take_frame returns"
+        )
     table = np.empty((len(runs.start), 5), np.int32)
     _place(runs.start, runs.length, runs.shape[1], runs.shape[2], table)
     return VoxelLines(table)

@@ -96,7 +96,9 @@ def render_take(
     if last >= count:
         raise InputError(f"take {take!r} has the frames 0-{count - 1}; {first}-{last} goes beyond")
     if color == "segments" and "labels" not in opened.record.stages:
-        raise InputError(f"take {take!r} has no labels; its pose was not fitted: show the video")
+        raise InputError(
+            f"take {take!r} has no labels; its pose was not fitted: choose the color video"
+        )
     if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise InputError(f"a film of {size[0]}x{size[1]} needs an even number of columns and rows")
     chosen = range(first, first + 1) if suffix == ".png" else range(first, last + 1)
@@ -177,7 +179,9 @@ def _real_camera(
     cameras = take.cameras
     names = list(cameras.attrs["cameras"])
     if name not in names:
-        raise UnknownNameError(f"take {take.name!r} has no camera {name!r}: {', '.join(names)}")
+        raise UnknownNameError(
+            f"take {take.name!r} has no camera {name!r}; it has {', '.join(names)}"
+        )
     camera = cameras.isel(camera=names.index(name))
     columns, rows = camera["image_size"].values
     scale = min(size[0] / columns, size[1] / rows)

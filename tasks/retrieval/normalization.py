@@ -134,7 +134,7 @@ def pack_motion(
     """
     if position.ndim != 3 or position.shape[1:] != (len(JOINTS), 3) or not len(position):
         raise ValueError(
-            f"positions of shape {position.shape} came; "
+            f"positions have shape {position.shape}, but "
             f"(time, {len(JOINTS)}, 3) with at least one frame is wanted"
         )
     for name, value in (("rate_hz", rate_hz), ("stature_m", stature_m)):

@@ -174,7 +174,7 @@ def search_takes(
     Raises
     ------
     ValueError
-        If a setting has no meaning, or the query misses a value that would be compared.
+        If a setting has no meaning, or the query lacks a value that would be compared.
     """
     settings = settings or SearchSettings()
     weights = joint_weights(settings)
@@ -252,7 +252,7 @@ def _clip(
 
 
 def _check_query(query: Query, compared: NDArray[np.bool_], shoulders: bool, path: bool) -> None:
-    """Raise a ValueError that names every joint and frame the query misses."""
+    """Raise a ValueError that names every joint and frame the query lacks."""
 
     def without(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
         return np.any(~np.isfinite(rows), axis=0)
@@ -277,7 +277,7 @@ def _check_query(query: Query, compared: NDArray[np.bool_], shoulders: bool, pat
     faults = [f"{name} (in {where(at)})" for name, at in missing.items() if at.any()]
     if faults:
         raise ValueError(
-            f"the query {query.name} misses {', '.join(faults)}; "
+            f"the query {query.name} lacks {', '.join(faults)}; "
             "choose another clip, or give such a joint the weight 0"
         )
 

@@ -226,7 +226,11 @@ def test_what_the_body_was_measured_by_is_exported_with_a_picture(made, tmp_path
         (["render", "A", "okuri", "a.png", "--frame", "9"], BAD_INPUT, "frames 0-2; 9-9 goes"),
         (["render", "A", "okuri", "a.png", "--size", "9"], WRONG_USE, "should be WxH"),
         (["render", "A", "okuri", "a.mp4", "--size", "33x44"], BAD_INPUT, "even number"),
-        (["render", "A", "okuri", "a.png", "--camera", "x"], WRONG_USE, "no camera 'x': cam1"),
+        (
+            ["render", "A", "okuri", "a.png", "--camera", "x"],
+            WRONG_USE,
+            "no camera 'x'; it has cam1",
+        ),
         (["render", "A", "okuri", "a.png", "--azimuth", "nan"], WRONG_USE, "should be numbers"),
         (["render", "A", "okuri", "a.png", "--frame", "-1"], WRONG_USE, "should be 0 or more"),
         (["render", "A", "okurl", "a.png"], WRONG_USE, "did you mean okuri?"),

@@ -210,7 +210,7 @@ def _intrinsics_faults(intrinsics: NDArray[np.float64]) -> list[str]:
 def _rotation_faults(rotation: NDArray[np.float64]) -> list[str]:
     off = float(abs(rotation @ rotation.T - np.eye(3)).max())
     if off > 1e-6:
-        return [f"the rotation is none: its axes are off by {off:.2g}"]
+        return [f"its rotation is no rotation matrix: R times its transpose is off by {off:.2g}"]
     if np.linalg.det(rotation) < 0:
         return ["the rotation mirrors: its axes are left-handed"]
     return []

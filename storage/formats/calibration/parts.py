@@ -15,6 +15,9 @@ from storage.formats.calibration.camera import Camera, nearest_rotation, rotatio
 from storage.formats.reading import listed
 
 _MOST_FAULTS = 8
+"""How many faults a message lists. Chosen: they fit a screen."""
+_MOST_NUMBERS = 64
+"""How many numbers of a distortion are read. Far more than any lens model has."""
 _ROUNDED = 0.01  # a rotation written with two digits is still taken for one
 
 
@@ -137,8 +140,10 @@ def _build(part: Parts) -> Camera:
     distortion = array_of(() if part.distortion is None else part.distortion)
     if distortion is None:
         faults.append(f"the distortion {as_shown(part.distortion)} is no row of numbers")
-    elif distortion.size > 64:
-        faults.append(f"the distortion has {distortion.size} numbers")
+    elif distortion.size > _MOST_NUMBERS:
+        faults.append(
+            f"the distortion has {distortion.size} numbers, at most {_MOST_NUMBERS} are read"
+        )
     if faults or distortion is None:
         raise ValueError("; ".join(faults))
     return Camera(part.name, size, intrinsics, distortion, rotation, translation)

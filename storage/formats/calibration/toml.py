@@ -73,7 +73,9 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
     """
     names = [camera.name for camera in cameras]
     if not names or len(set(names)) < len(names):
-        raise ValueError(f"{listed(names) or 'no names'}: give each camera a name of its own")
+        raise ValueError(
+            f"the cameras are called {listed(names) or 'nothing'}; give each a name of its own"
+        )
     text = "\n".join(_table(camera) for camera in cameras)
     text += '\n[metadata]\nadjusted = false\nerror = 0.0\nunit = "m"\nup = "y"\n'
     write_beside(Path(path), text.encode())

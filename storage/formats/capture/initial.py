@@ -125,7 +125,7 @@ def write_initial(
     if label is not None:
         label = np.asarray(label)
         if label.ndim != 1 or ((label < 0) | (label > len(SEGMENTS))).any():
-            raise ValueError(f"labels are one axis of numbers from 0 to {len(SEGMENTS)}")
+            raise ValueError(f"labels must be one axis of numbers from 0 to {len(SEGMENTS)}")
         begin = np.flatnonzero(np.diff(label, prepend=-1))
         count = np.diff(begin, append=len(label))
         runs = ",".join(f"[{k},{n}]" for k, n in zip(label[begin], count, strict=True))

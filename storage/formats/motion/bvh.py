@@ -168,7 +168,8 @@ def _read_motion(
     frames = int(head[1]) if re.fullmatch(r"[0-9]{1,12}", head[1]) else 0
     if frames < 1:
         raise InputError(
-            f"{path} tells {head[1]!r} frames, a number from 1 is wanted; export it with its frames"
+            f"{path} says that it has {head[1]!r} frames, where 1 or more are wanted; export it "
+            "with its frames"
         )
     rate_hz = _rate(path, head[2])
     lines = [line for line in map(str.split, text[head.end() :].splitlines()) if line]

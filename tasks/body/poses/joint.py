@@ -256,8 +256,8 @@ def _check(
     ):
         if value is not None and value.shape != shape:
             raise ValueError(
-                f"{name} has shape {value.shape}, but {shape} is wanted; give face, right hand "
-                "and left hand of every frame"
+                f"{name} has shape {value.shape}, but {shape} is wanted; give face, right and left "
+                "hand, right and left foot of every frame"
             )
     optional = {"Waist"} | {s + n for s in "RL" for n in ("Wrist", "Ankle", "Heel")}
     known = dict(zip(JOINTS, np.asarray(position, np.float64), strict=True))

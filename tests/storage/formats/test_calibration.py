@@ -268,7 +268,7 @@ def test_our_own_file_gives_back_every_bit_that_matters(tmp_path):
 
 
 def test_our_own_file_wants_a_name_a_camera(tmp_path):
-    with pytest.raises(ValueError, match="'01', '01': give each camera a name of its own"):
+    with pytest.raises(ValueError, match="called '01', '01'; give each a name of its own"):
         write_calibration(tmp_path / "own.toml", [rig()[0], rig()[0]])
 
 

@@ -180,7 +180,10 @@ def test_zeros_behind_the_last_coefficient_do_not_count(rng, given, kept):
         ({"intrinsics": np.eye(2)}, r"intrinsics has shape \(2, 2\), \(3, 3\) is wanted"),
         ({"intrinsics": MATRIX * 2}, "not of the form"),
         ({"intrinsics": np.diag([5.0, -5, 1])}, "focal lengths 5 and -5 are not larger than 0"),
-        ({"rotation": np.eye(3) * 1.1}, "the rotation is none: its axes are off by 0.21"),
+        (
+            {"rotation": np.eye(3) * 1.1},
+            "its rotation is no rotation matrix: R times its transpose is off by 0.21",
+        ),
         ({"rotation": np.diag([1.0, 1, -1])}, "the rotation mirrors"),
         ({"translation": [0, np.nan, 0]}, "translation is not finite"),
         ({"distortion": [[1.0]]}, r"distortion has shape \(1, 1\), a row of coefficients"),

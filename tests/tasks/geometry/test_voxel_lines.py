@@ -38,5 +38,7 @@ def test_centers_of_some_voxels_are_those_of_all_where_they_are_some(rng):
 
 
 def test_only_one_frame_has_lines(rng):
-    with pytest.raises(ValueError, match="2 frames are no lines of one"):
+    with pytest.raises(
+        ValueError, match="runs of 2 frames were given where those of one are wanted; pass what"
+    ):
         lines_of(encode_runs(rng.random((2, 3, 4, 5)) < 0.5))

@@ -140,7 +140,7 @@ def test_a_file_packs_as_the_archive_keeps_it(position):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.zeros((4, 20, 3)), 30.0, 1.6), r"shape \(4, 20, 3\) came; \(time, 21, 3\)"),
+        ((np.zeros((4, 20, 3)), 30.0, 1.6), r"have shape \(4, 20, 3\), but \(time, 21, 3\)"),
         ((np.zeros((0, 21, 3)), 30.0, 1.6), "at least one frame is wanted"),
         ((np.zeros((4, 21, 3)), 0.0, 1.6), "rate_hz is 0.0; give a positive number"),
         ((np.zeros((4, 21, 3)), 30.0, float("nan")), "stature_m is nan; give a positive"),

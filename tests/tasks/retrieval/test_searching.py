@@ -313,12 +313,12 @@ def test_takes_that_cannot_be_compared_are_named(dance):
     assert not search_takes(query, takes[:3], settings).matches
 
 
-def test_a_query_that_misses_a_compared_joint_is_refused_by_joint_and_frames(dance):
+def test_a_query_that_lacks_a_compared_joint_is_refused_by_joint_and_frames(dance):
     asked = dance(130)
     asked[48:57, JOINTS.index("RFin")] = np.nan
     asked[64, JOINTS.index("LKnee")] = np.nan
     query, take = clip_take(pack("asked", asked, 120.0), 40, 80), pack("a", dance())
-    message = r"query asked:40-80 misses RFin \(in frames 48-56\), LKnee \(in frame 64\); choose"
+    message = r"query asked:40-80 lacks RFin \(in frames 48-56\), LKnee \(in frame 64\); choose"
     with pytest.raises(ValueError, match=message):
         search_takes(query, [take])
     assert found(query, [take], weights=(("RFin", 0), ("LKnee", 0)))
@@ -330,11 +330,11 @@ def test_a_query_without_hips_shoulders_or_path_is_refused(dance):
     asked[[20, 23], JOINTS.index("RHip")] = np.nan
     asked[30, JOINTS.index("LShoulder")] = np.nan
     packed, take = pack("asked", asked), pack("a", dance())
-    with pytest.raises(ValueError, match=r"misses the hips \(in frames 20-23\); choose"):
+    with pytest.raises(ValueError, match=r"lacks the hips \(in frames 20-23\); choose"):
         search_takes(clip_take(packed, 15, 28), [take])
-    with pytest.raises(ValueError, match=r"misses the shoulders \(in frame 30\); choose"):
+    with pytest.raises(ValueError, match=r"lacks the shoulders \(in frame 30\); choose"):
         search_takes(clip_take(packed, 28, 35), [take], SearchSettings("head"))
-    with pytest.raises(ValueError, match=r"misses the path \(in frame 26\); choose"):
+    with pytest.raises(ValueError, match=r"lacks the path \(in frame 26\); choose"):
         search_takes(clip_take(packed, 24, 28), [take], SearchSettings(path_weight=1))
 
 
@@ -344,7 +344,7 @@ def test_a_mirrored_query_names_its_own_joints(dance):
     query = clip_take(pack("asked", asked), 15, 28)
     take = pack("a", without(dance(), "RFin"))
     assert found(query, [take])
-    with pytest.raises(ValueError, match=r"misses RFin \(in frame 20\)"):
+    with pytest.raises(ValueError, match=r"lacks RFin \(in frame 20\)"):
         found(query, [take], mirror=True)
 
 

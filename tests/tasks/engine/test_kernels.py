@@ -32,7 +32,8 @@ from tasks.engine.kernels import njit
 
 @njit(cache=True, nogil=True)
 def twice(number):
-    return FACTOR * number * 1
+    "Double."
+    return FACTOR * number * 1  # ours
 """,
     "constants": "FACTOR = 2\nADDED = 5\n",
     "aside": "FACTOR = 2\n",
@@ -67,9 +68,9 @@ def kept(started, tmp_path) -> Path:
 
 
 def write_package(folder: Path) -> Path:
-    folder.mkdir()
-    for name in ("__init__", "fingerprints", "kernels"):
-        shutil.copy(ROOT / "tasks" / f"{name}.py", folder)
+    (folder / "engine").mkdir(parents=True)
+    for name in ("__init__", "engine/__init__", "engine/fingerprints", "engine/kernels"):
+        shutil.copy(ROOT / "tasks" / f"{name}.py", folder / f"{name}.py")
     for name, text in FILES.items():
         (folder / f"{name}.py").write_text(text)
     return folder
@@ -109,8 +110,17 @@ def test_an_edit_to_another_file_is_compiled(kept, file, old, new, result):
     assert start(kept) == (result, 0, 1)
 
 
-def test_nothing_is_compiled_again_without_an_edit_to_what_counts(kept):
-    edit(kept / "aside.py", "2", "3")
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("aside.py", "2", "3"),
+        ("helping.py", "# ours", "# mine"),
+        ("helping.py", "Double", "Repeat"),
+    ],
+    ids=["a file aside", "a comment", "a docstring"],
+)
+def test_nothing_is_compiled_again_without_an_edit_to_what_counts(kept, file, old, new):
+    edit(kept / file, old, new)
     assert start(kept) == (25, 1, 0)
 
 
@@ -124,10 +134,10 @@ def test_what_was_compiled_before_an_edit_does_not_pass_for_the_edited(package):
 
 
 def test_what_numba_kept_without_us_is_not_taken(package):
-    ours = (package / "kernels.py").read_text()
-    (package / "kernels.py").write_text("from numba import njit\n")
+    ours = (package / "engine/kernels.py").read_text()
+    (package / "engine/kernels.py").write_text("from numba import njit\n")
     assert start(package) == (25, 0, 1)
-    (package / "kernels.py").write_text(ours)
+    (package / "engine/kernels.py").write_text(ours)
     assert start(package) == (25, 0, 1)
 
 

@@ -101,7 +101,7 @@ def test_an_edit_to_the_code_of_a_module_or_of_one_behind_it_gives_another_name(
     [
         lambda text: text + "# a comment\n",
         lambda text: text.replace('"""', '"""Edited: ', 1),
-        lambda text: text.replace("\n\n\n", "\n\n\n\n"),
+        lambda text: "\n\n" + text,
     ],
     ids=["comment", "docstring", "empty lines"],
 )
@@ -176,7 +176,7 @@ def test_the_digest_of_code_is_the_same_in_every_version_of_python():
 
 
 def test_many_threads_may_digest_at_once():
-    sources = [path.read_bytes() + b"#" for path in sorted((ROOT / "tasks").rglob("*.py"))]
+    sources = [path.read_bytes() + b"#" for path in sorted((ROOT / "tasks/body").rglob("*.py"))]
     one_by_one = [fingerprints.code_digest(source) for source in sources]
     fingerprints._parse.cache_clear()
     with ThreadPoolExecutor(8) as pool:

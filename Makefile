@@ -35,6 +35,7 @@ bench: setup
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m tests.benchmarks.search
 	$(BIN)/python -m tests.benchmarks.archive
+	$(BIN)/python -m tests.benchmarks.reading
 	$(BIN)/python -m tests.benchmarks.silhouettes
 	$(BIN)/python -m tests.benchmarks.carving
 	$(BIN)/python -m tests.benchmarks.digitization

@@ -31,7 +31,7 @@ from tasks.studio.filming import (
     stretch_arms_first,
 )
 from tasks.studio.performances import TK, generate_performance
-from tests.conftest import swaying_body
+from tests.conftest import HANGING_S, swaying_body
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow]
 
@@ -175,7 +175,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
     kept, made = {}, []
     for moment in MOMENTS:
         process = subprocess.run(
-            [*program, moment], env=environment, capture_output=True, text=True, timeout=300
+            [*program, moment], env=environment, capture_output=True, text=True, timeout=HANGING_S
         )
         assert process.returncode == -signal.SIGKILL, process.stderr[-2000:]
         place = open_archive(tmp_path / "archive").place
@@ -191,7 +191,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
             [*program[:-1], str(tmp_path / archive), "never"],
             env=environment,
             check=True,
-            timeout=300,
+            timeout=HANGING_S,
         )
     digests = []
     for archive in ("archive", "undisturbed"):

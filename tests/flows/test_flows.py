@@ -173,6 +173,7 @@ def test_a_run_killed_in_the_middle_is_finished_by_the_next(ingest, tmp_path, in
     assert all(verify_take(archive.place, take) == [] for take in archive.takes())
 
 
+@pytest.mark.s3
 def test_an_archive_in_an_object_store_is_ingested_and_searched(
     prefect_server, object_store, inbox, capsys
 ):

@@ -78,7 +78,8 @@ def write_package(folder: Path) -> Path:
 
 def start(package: Path, before_the_call: str = "", **environment: str) -> tuple[int, int, int]:
     """Call the kernel in a new process; return its result, and how often it was kept and not."""
-    inherited = {name: text for name, text in os.environ.items() if not name.startswith("NUMBA_")}
+    kept = os.environ.items()
+    inherited = {name: text for name, text in kept if not name.startswith(("NUMBA_", "COVERAGE_"))}
     done = subprocess.run(
         [sys.executable, "-c", START.format(before_the_call=before_the_call)],
         cwd=package.parent,

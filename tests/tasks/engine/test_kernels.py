@@ -15,7 +15,7 @@ import tasks
 from tasks.engine import kernels
 from tests.conftest import ROOT
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]  # a new process and its compiling each
 
 FILES = {
     "calling": """

@@ -150,6 +150,7 @@ def test_comments_docstrings_and_layout_are_not_digested(old, new):
         ("(1, 2)", "(2, 1)"),
         ("(1, 2)", "[1, 2]"),
         ("(1, 2)", "((1,), 2)"),
+        ("(1, 2)", '("1", 2)'),
         ("(1, 2)", "(1, 2, None)"),
         ("(1, 2)", "(1, 2, ...)"),
         ('"a": ', 'b"a": '),
@@ -168,6 +169,10 @@ def test_comments_docstrings_and_layout_are_not_digested(old, new):
 def test_whatever_may_change_a_result_is_digested(old, new):
     assert old in MODULE
     assert digest(MODULE.replace(old, new)) != digest(MODULE)
+
+
+def test_what_is_left_out_at_one_place_is_not_what_is_left_out_at_another():
+    assert len({digest(text) for text in ("a[1:]", "a[:1]", "a[::1]", "a[1]")}) == 4
 
 
 def test_the_digest_of_code_is_the_same_in_every_version_of_python():

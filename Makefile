@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench bench-poses clean
+.PHONY: setup demo test test-long lint bench bench-poses clean
 
 setup: .venv/installed
 
@@ -22,19 +22,24 @@ lint: setup
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-# a file of tests stays on one core, with what it makes once; files start in the order of their names
+# a file of tests stays on one core, with what it makes once; files start in the order of conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# twice: interpreted for coverage, which cannot see into compiled code; then all of it, compiled
+# twice: interpreted, for coverage cannot see into compiled code; then all of it, compiled, where
+# the rest is covered; `pytest` alone takes what needs no server and a second at most
 test: setup
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not compiled and not slow and not flow"
-	$(BIN)/coverage report
-	$(BIN)/pytest $(TWO_CORES)
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not (compiled or slow or flow or s3)"
+	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m ""
+
+# tests that draw their cases, twenty times as many: kills, damaged files, tracks
+test-long: setup
+	$(BIN)/pytest $(TWO_CORES) --hypothesis-profile long -m drawn
 
 bench: setup
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m tests.benchmarks.search
 	$(BIN)/python -m tests.benchmarks.archive
+	$(BIN)/python -m tests.benchmarks.reading
 	$(BIN)/python -m tests.benchmarks.silhouettes
 	$(BIN)/python -m tests.benchmarks.carving
 	$(BIN)/python -m tests.benchmarks.digitization

@@ -6,15 +6,48 @@ import socket
 import subprocess
 import sys
 import time
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from storage.formats.motion.trc import write_trc
 from storage.schema import JOINTS
 
 ROOT = Path(__file__).parent.parent
+
+HANGING_S = 1800
+"""How long anything may take before it hangs [s]. Some hundred times what an idle machine takes."""
+
+MEASURED = "COVERAGE_PROCESS_CONFIG"
+"""The variable by which coverage measures the programs that a test starts."""
+
+settings.register_profile("usual", derandomize=True, deadline=timedelta(seconds=HANGING_S))
+settings.register_profile("long", parent=settings.get_profile("usual"), derandomize=False)
+settings.load_profile("usual")
+
+
+def cases(number: int) -> int:
+    """Return how many cases a test draws: `number`, or 20 times as many in `make test-long`."""
+    return number * (20 if settings.get_current_profile_name() == "long" else 1)
+
+
+def pytest_collection_modifyitems(items):
+    """Put the long files first, so that both cores are busy to the end; choose what is measured.
+
+    Coverage cannot see into compiled code. Where kernels are compiled, only tests that the
+    interpreted run leaves out are measured.
+    """
+    compiled = os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
+    weights = {}
+    for item in items:
+        marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
+        weights[item.path] = max(weights.get(item.path, marks), marks)
+        if compiled and not any(marks):
+            item.add_marker("no_cover")
+    items.sort(key=lambda item: weights[item.path], reverse=True)
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +66,10 @@ def prefect_server():
 
     import flows  # noqa: F401 - sets the time that the server has to start
 
-    with prefect_test_harness(server_startup_timeout=180):
+    measured = os.environ.pop(MEASURED, None)  # a server runs nothing of ours
+    with prefect_test_harness(server_startup_timeout=HANGING_S):
+        if measured is not None:
+            os.environ[MEASURED] = measured
         yield
 
 
@@ -44,8 +80,13 @@ def object_store_server():
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
+    process = subprocess.Popen(
+        command,
+        env={name: value for name, value in os.environ.items() if name != MEASURED},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + HANGING_S
     while True:
         try:
             socket.create_connection(("127.0.0.1", port), timeout=1).close()

@@ -1,18 +1,29 @@
-"""Names for "the same computation": a digest of the code, the settings and the inputs."""
+"""Names for "the same computation": a digest of the code, the settings and the inputs.
 
-import dis
+The code counts, not its text: comments, docstrings, line breaks and spaces do not change what is
+computed, so that an archive is not digitized again after an edit to them. What is digested are
+the names and values of the syntax tree; nothing of it depends on the version of Python, unless a
+version gives the same text another tree.
+"""
+
+import ast
 import functools
 import hashlib
 import inspect
 import json
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 _OURS = ("tasks", "storage")
+"""The packages whose code counts; what others compute is taken as it is."""
+
+_PARSING = threading.Lock()
+"""Takes are digitized in several threads, and `ast.parse` in two of them at once can fail in
+Python 3.11 (python/cpython issue 106905)."""
 
 
 def fingerprint(function: Callable[..., Any], parameters: dict[str, Any]) -> str:
@@ -47,8 +58,13 @@ def source_files(module: str) -> dict[str, Path]:
         if name in found or path is None:
             continue
         found[name] = path
-        waiting.extend(_imported_names(path))
+        waiting.extend(_parse(path.read_bytes())[1])
     return found
+
+
+def code_digest(source: bytes) -> str:
+    """Return a SHA-256 of a module's code, the same whatever its comments and docstrings say."""
+    return _parse(source)[0]
 
 
 @functools.cache
@@ -56,7 +72,7 @@ def _source_digest(module: str) -> str:
     """Hash the sources behind a module, once a process."""
     digest = hashlib.sha256()
     for name, path in sorted(source_files(module).items()):
-        digest.update(name.encode() + path.read_bytes())
+        digest.update(f"{name} {code_digest(path.read_bytes())} ".encode())
     return digest.hexdigest()
 
 
@@ -69,28 +85,54 @@ def _module_file(name: str) -> Path | None:
 
 
 @functools.cache
-def _imported_names(path: Path) -> frozenset[str]:
-    """Return the names of ours that the file at `path` imports, at any depth.
+def _parse(source: bytes) -> tuple[str, frozenset[str]]:
+    """Return the digest of a module's code, and the names of ours that it imports at any depth."""
+    with _PARSING:
+        tree = ast.parse(source)
+    said: list[str] = []
+    names: set[str] = set()
+    _spell(tree, said, names)
+    return hashlib.sha256("".join(said).encode()).hexdigest(), frozenset(names)
 
-    From its byte code: takes are digitized in several threads, and `ast.parse` in two of them at
-    once can fail in Python 3.11 (python/cpython issue 106905).
-    """
-    names = set()
-    waiting = [compile(path.read_bytes(), str(path), "exec", dont_inherit=True)]
-    while waiting:
-        code = waiting.pop()
-        waiting += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
-        module = ""
-        for step in dis.get_instructions(code):
-            if step.opname == "IMPORT_NAME":
-                name = module = step.argval
-            elif step.opname == "IMPORT_FROM":
-                name = f"{module}.{step.argval}"
-            else:
-                continue
-            if name.split(".")[0] in _OURS:
-                names.add(name)
-    return frozenset(names)
+
+def _spell(node: Any, said: list[str], names: set[str]) -> None:
+    """Append what a part of a syntax tree says, and add to `names` what it imports of ours."""
+    if isinstance(node, ast.AST):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            names.update(name for name in _imported(node) if name.split(".")[0] in _OURS)
+        said.append(f"{type(node).__name__}(")
+        for field in node._fields:
+            value = getattr(node, field, None)
+            # versions of Python differ in which fields there are to be empty
+            if value is not None and value != []:
+                said.append(f"{field}=")
+                _spell(value, said, names)
+        said.append(")")
+    elif isinstance(node, list):
+        said.append("[")
+        for each in node:
+            if not _is_docstring(each):
+                _spell(each, said, names)
+        said.append("]")
+    else:
+        said.append(f"{node!a},")
+
+
+def _is_docstring(node: Any) -> bool:
+    """Return whether a statement is a text only, below a function's or a field's name."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:
+    """Return the modules that an import names; of `from a import b`, a and what may be one, a.b."""
+    names = [each.name for each in node.names]
+    if isinstance(node, ast.Import):
+        return names
+    return [node.module or "", *(f"{node.module}.{name}" for name in names)]
 
 
 def _plain(value: Any) -> Any:

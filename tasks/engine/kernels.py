@@ -2,8 +2,9 @@
 
 What a kernel calls and what it takes as a constant is compiled into it, from other files too, but
 numba's `cache=True` looks at the kernel's own file only: after an edit elsewhere, the old code
-runs on. A kernel of ours is therefore kept together with the digests of its file and of every
-file of ours behind it, and counts only where all of them are as they were.
+runs on. A kernel of ours is therefore kept together with the digests of the code in its file and
+in every file of ours behind it, and counts only where all of them are as they were. A comment may
+change in the files behind it; after any edit to its own file, numba compiles it anew.
 
 numba has no public way to say so for some kernels and not for all packages. `FunctionCache`,
 `CompileResultCacheImpl` and the `_cache` of a dispatcher are its own;
@@ -11,7 +12,6 @@ tests/tasks/engine/test_kernels.py tells when they change.
 """
 
 import functools
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-from tasks.engine.fingerprints import source_files
+from tasks.engine.fingerprints import code_digest, source_files
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -42,27 +42,32 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     return compiled
 
 
-def _digest_sources() -> dict[str, str]:
-    """Return the digest of every file of ours, by the name of its module."""
+def _read_sources() -> dict[str, bytes]:
+    """Return the text of every file of ours, by the name of its module."""
     root = Path(__file__).parents[2]
-    digests = {}
+    sources = {}
     for package in ("tasks", "storage"):
         for path in (root / package).rglob("*.py"):
             name = ".".join(path.relative_to(root).with_suffix("").parts)
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            digests[name.removesuffix(".__init__")] = digest
-    return digests
+            sources[name.removesuffix(".__init__")] = path.read_bytes()
+    return sources
 
 
-# before any kernel is imported: what is edited while this process runs is not what it compiles
-_DIGESTS = _digest_sources()
+_SOURCES = _read_sources()
+"""Read before any kernel is imported: what is edited while this process runs is not what it
+compiles. Only the files behind the kernels that are called are digested, which takes longer."""
+
+
+@functools.cache
+def _digest_of(module: str) -> str:
+    """Return the digest of the code of `module`, empty where its file came later."""
+    return code_digest(_SOURCES[module]) if module in _SOURCES else ""
 
 
 @functools.cache
 def _digests_behind(module: str) -> dict[str, str]:
     """Return the digests of `module` and of all that it imports of ours."""
-    # a file that came later has none, so what stands on it is compiled anew
-    return {name: _DIGESTS.get(name, "") for name in source_files(module)}
+    return {name: _digest_of(name) for name in source_files(module)}
 
 
 class _KernelFiles(CompileResultCacheImpl):
@@ -78,7 +83,8 @@ class _KernelFiles(CompileResultCacheImpl):
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         match payload:
             case {"sources": dict(sources), "compiled": compiled}:
-                if sources.items() <= _DIGESTS.items():
+                # a file that came later has none, so what stands on it is compiled anew
+                if all(digest and digest == _digest_of(name) for name, digest in sources.items()):
                     return super().rebuild(target_context, compiled)
         return None  # not found, for numba: it compiles, and writes over what is there
 

@@ -319,7 +319,7 @@ def open3d_rows(
         )
         camera.extrinsic = np.vstack([scene.projection.camera_from_world[c], [0, 0, 0, 1]])
         image = o3d.geometry.Image(silhouette.astype(np.float32))
-        voxels.carve_silhouette(image, camera, False)
+        voxels.carve_silhouette(image, camera, keep_voxels_outside_image=False)
     spent = time.thread_time() - started
     hull = decode_runs(
         carve_visual_hull(silhouettes, straighten(scene).projection, grid, SETTINGS), 0

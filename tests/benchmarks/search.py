@@ -6,6 +6,7 @@ One thread is measured by its processor time, the best of several; two by the cl
 """
 
 import argparse
+import importlib.util
 import json
 import math
 import multiprocessing
@@ -49,8 +50,9 @@ def main() -> None:
         return
     figures = kernel_figures()
     for frames in options.sizes:
-        figures += peer_figures(frames)
-    figures += [*librosa_figures(), memory_figure(max(options.sizes))]
+        figures += peer_figures(frames) if has_peer("dtaidistance") else []
+    figures += librosa_figures() if has_peer("librosa") else []
+    figures.append(memory_figure(max(options.sizes)))
     header = {
         "what": "what",
         "shosa": "shosa",
@@ -65,6 +67,14 @@ def main() -> None:
         )
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def has_peer(name: str) -> bool:
+    """Return whether a peer is installed, and say so where it is not."""
+    if importlib.util.find_spec(name):
+        return True
+    sys.stdout.write(f"{name} is not installed, so nothing is compared with it.\n")
+    return False
 
 
 def kernel_figures() -> list[dict[str, Any]]:

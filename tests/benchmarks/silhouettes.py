@@ -56,7 +56,7 @@ def main() -> None:
         rows[rule] = milliseconds(
             lambda settings=settings: extract_silhouettes(frames, background, settings)
         )
-    peer = cv2.createBackgroundSubtractorMOG2(30, 25, True)
+    peer = cv2.createBackgroundSubtractorMOG2(30, 25, detectShadows=True)
     rows["MOG2 (peer)"] = milliseconds(lambda: [peer.apply(frame, None, 0) for frame in frames])
     json.dump({"milliseconds_of_8_cameras": rows}, sys.stdout, indent=2)
     sys.stdout.write("\n")

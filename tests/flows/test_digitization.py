@@ -31,9 +31,9 @@ from tasks.studio.filming import (
     stretch_arms_first,
 )
 from tasks.studio.performances import TK, generate_performance
-from tests.conftest import swaying_body
+from tests.conftest import HANGING_S, swaying_body
 
-pytestmark = [pytest.mark.flow, pytest.mark.slow]
+pytestmark = [pytest.mark.flow, pytest.mark.slow, pytest.mark.usefixtures("prefect_server")]
 
 FRAMES = 18
 RING = RingSettings(cameras=5, size=(80, 60), radius_m=3.5)
@@ -92,7 +92,7 @@ def capture(filmed, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def ingest(prefect_server, tmp_path, capture):
+def ingest(tmp_path, capture):
     from flows.ingestion import ingest_archive
 
     return lambda: ingest_archive(str(tmp_path / "archive"), [str(capture)])[0]
@@ -201,9 +201,7 @@ def test_finished_blocks_are_kept_and_a_damaged_one_is_made_again(ingest, tmp_pa
     assert ingest().status == "ingested"
 
 
-def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
-    prefect_server, posed, tmp_path
-):
+def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(posed, tmp_path):
     """Killed within each stage, and when the take has been put together."""
     from prefect.settings import PREFECT_API_URL
 
@@ -212,7 +210,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
     kept, made = {}, []
     for moment in MOMENTS:
         process = subprocess.run(
-            [*program, moment], env=environment, capture_output=True, text=True, timeout=300
+            [*program, moment], env=environment, capture_output=True, text=True, timeout=HANGING_S
         )
         assert process.returncode == -signal.SIGKILL, process.stderr[-2000:]
         place = open_archive(tmp_path / "archive").place
@@ -228,7 +226,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
             [*program[:-1], str(tmp_path / archive), "never"],
             env=environment,
             check=True,
-            timeout=300,
+            timeout=HANGING_S,
         )
     digests = []
     for archive in ("archive", "undisturbed"):
@@ -244,7 +242,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(
     assert len(digests[0]) > 20
 
 
-def test_joints_that_a_person_corrected_stay_where_they_were_put(prefect_server, posed, tmp_path):
+def test_joints_that_a_person_corrected_stay_where_they_were_put(posed, tmp_path):
     from flows.ingestion import ingest_archive
 
     folder, archive = shutil.copytree(posed, tmp_path / "posed"), str(tmp_path / "archive")

@@ -18,7 +18,7 @@ from storage import open_archive
 from storage.arrays.search import open_search_array, search_array_path
 from storage.publication import verify_take
 
-pytestmark = [pytest.mark.flow, pytest.mark.slow]
+pytestmark = [pytest.mark.flow, pytest.mark.slow, pytest.mark.usefixtures("prefect_server")]
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def inbox(tmp_path, write_walk):
 
 
 @pytest.fixture
-def ingest(prefect_server, tmp_path, inbox):
+def ingest(tmp_path, inbox):
     """A function that ingests the inbox and returns status by take."""
     from flows.ingestion import ingest_archive
 
@@ -71,7 +71,7 @@ def test_what_did_not_change_is_not_computed_again(ingest, tmp_path, inbox, writ
     assert open_archive(tmp_path / "archive").take("okuri48").record.number == 2
 
 
-def test_another_setting_is_another_computation(ingest, tmp_path):
+def test_another_setting_is_another_computation(ingest):
     ingest()
     assert set(ingest(low_pass_hz=6.0).values()) == {"ingested"}
     assert set(ingest(low_pass_hz=6.0).values()) == {"unchanged"}
@@ -110,7 +110,7 @@ def test_an_archive_that_was_removed_is_made_again(ingest, tmp_path):
     assert len(open_archive(tmp_path / "archive").takes()) == 3
 
 
-def test_indexing_makes_every_search_array_anew(ingest, prefect_server, tmp_path):
+def test_indexing_makes_every_search_array_anew(ingest, tmp_path):
     from flows.indexing import index_archive
 
     ingest()
@@ -125,7 +125,7 @@ def test_indexing_makes_every_search_array_anew(ingest, prefect_server, tmp_path
         np.testing.assert_array_equal(np.load(path), rows)
 
 
-def test_a_search_as_a_flow_answers_as_the_search_does(ingest, prefect_server, tmp_path):
+def test_a_search_as_a_flow_answers_as_the_search_does(ingest, tmp_path):
     from flows.searching import search_archive
     from tasks.retrieval.answering import answer_query
     from tasks.retrieval.searching import SearchSettings
@@ -173,9 +173,8 @@ def test_a_run_killed_in_the_middle_is_finished_by_the_next(ingest, tmp_path, in
     assert all(verify_take(archive.place, take) == [] for take in archive.takes())
 
 
-def test_an_archive_in_an_object_store_is_ingested_and_searched(
-    prefect_server, object_store, inbox, capsys
-):
+@pytest.mark.s3
+def test_an_archive_in_an_object_store_is_ingested_and_searched(object_store, inbox, capsys):
     assert main(["ingest", object_store, str(inbox)]) == 0
     assert main(["verify", object_store]) == 0
     capsys.readouterr()
@@ -187,7 +186,7 @@ def test_an_archive_in_an_object_store_is_ingested_and_searched(
     assert main(["index", object_store]) == 0
 
 
-def test_the_command_says_which_file_was_refused_and_why(prefect_server, tmp_path, inbox, capsys):
+def test_the_command_says_which_file_was_refused_and_why(tmp_path, inbox, capsys):
     (inbox / "broken.trc").write_text("nothing of the kind")
     assert main(["ingest", str(tmp_path / "archive"), str(inbox)]) == 3
     out, err = capsys.readouterr()
@@ -198,7 +197,7 @@ def test_the_command_says_which_file_was_refused_and_why(prefect_server, tmp_pat
     assert len(json.loads(capsys.readouterr().out)["takes"]) == 3
 
 
-def test_the_demo_finds_everything_that_it_promises(prefect_server, tmp_path, capsys):
+def test_the_demo_finds_everything_that_it_promises(tmp_path, capsys):
     assert main(["demo", str(tmp_path / "demo")]) == 0
     out = capsys.readouterr().out
     assert out.count("danced at") == 7
@@ -210,9 +209,7 @@ def test_the_demo_finds_everything_that_it_promises(prefect_server, tmp_path, ca
 
 
 @pytest.mark.data
-def test_all_shared_recordings_are_ingested_or_refused_with_a_sentence(
-    prefect_server, tmp_path, shared_data
-):
+def test_all_shared_recordings_are_ingested_or_refused_with_a_sentence(tmp_path, shared_data):
     from flows.ingestion import ingest_archive
 
     folders = [str(shared_data / name) for name in ("mocap", "c3d", "trc")]

@@ -9,12 +9,13 @@ from storage.errors import InputError
 from storage.formats import read_motion_file
 from storage.formats.motion.c3d import write_c3d
 from storage.formats.motion.trc import write_trc
+from tests.conftest import cases
 from tests.figures.strategies import damaged
 from tests.storage.formats.test_bvh import WHOLE as BVH
 from tests.storage.formats.test_trc import WHOLE as TRC
 
 SUFFIXES = (".c3d", ".trc", ".bvh")
-many = settings(max_examples=200, derandomize=True, deadline=10_000)
+many = settings(max_examples=cases(100))
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +52,14 @@ def check_motion(motion, size):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.drawn
 @many
 @given(data=st.binary(max_size=3000))
 def test_any_bytes(folder, suffix, data):
     assert read_or_refuse(folder / f"any{suffix}", data) is None
 
 
+@pytest.mark.drawn
 @many
 @given(head=st.binary(min_size=512, max_size=512), rest=st.binary(max_size=4000))
 def test_any_bytes_behind_the_mark_of_a_c3d(folder, head, rest):
@@ -83,7 +86,8 @@ def written_trc(folder):
      (".trc", lambda _: TRC.encode(), 150), (".bvh", lambda _: BVH.encode(), 600)],
     ids=["c3d", "trc", "small trc", "bvh"],
 )  # fmt: skip
-@settings(parent=many, max_examples=150)
+@pytest.mark.drawn
+@settings(max_examples=cases(75))
 @given(data=st.data())
 def test_a_damaged_file(folder, suffix, whole, head, data):
     read_or_refuse(folder / f"bad{suffix}", data.draw(damaged(whole(folder), head=head)))
@@ -118,7 +122,8 @@ def test_a_file_cut_anywhere_is_refused_or_has_lost_nothing(folder, suffix, whol
     [("c3d/Eb015pi.c3d", 5120), ("c3d/pc_real.c3d", 6144), ("c3d/badParameterOffset.c3d", 4608),
      ("c3d/walkingOptiTrack.c3d", 1536), ("trc/T_pose.trc", 3000)],
 )  # fmt: skip
-@settings(parent=many, max_examples=60)
+@pytest.mark.drawn
+@settings(max_examples=cases(30))
 @given(data=st.data())
 def test_a_damaged_recording(folder, shared_data, name, head, data):
     path = shared_data / name
@@ -127,12 +132,13 @@ def test_a_damaged_recording(folder, shared_data, name, head, data):
 
 
 @pytest.mark.data
+@pytest.mark.drawn
 def test_a_damaged_head_of_a_c3d_never_moves_the_markers(folder, shared_data):
     rng = np.random.default_rng(8)
     whole = (shared_data / "c3d" / "pc_real.c3d").read_bytes()
     first = read_or_refuse(folder / "head.c3d", whole)
     outcomes = set()
-    for _ in range(400):
+    for _ in range(cases(200)):
         spoiled = bytearray(whole)
         spoiled[rng.integers(0, 6144)] ^= 1 << rng.integers(0, 8)
         motion = read_or_refuse(folder / "head.c3d", bytes(spoiled))

@@ -1,7 +1,6 @@
 """BVH: against forward kinematics written frame by frame, and what is said of bad files."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -142,18 +141,6 @@ def test_recorded_bones_stand_where_the_naive_kinematics_puts_them(shared_data, 
     assert set(motion.names) == set(expected)
     for bone, joint in enumerate(motion.names):
         np.testing.assert_allclose(motion.position[:15, bone], expected[joint], atol=1e-8)
-
-
-@pytest.mark.data
-@pytest.mark.slow
-def test_four_megabytes_are_read_in_half_a_second(shared_data):
-    path = shared_data / "mocap" / "martial" / "martial_06.bvh"
-    seconds = []
-    for _ in range(5):
-        start = time.perf_counter()
-        read_bvh(path)
-        seconds.append(time.perf_counter() - start)
-    assert min(seconds) < 0.5
 
 
 @pytest.mark.parametrize(

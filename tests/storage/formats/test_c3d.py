@@ -263,9 +263,9 @@ def floats(*values):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda d: b"", "is empty; bring a C3D file"),
-        (lambda d: bytes(9000), "is empty; bring a C3D file"),
-        (lambda d: b"HIERARCHY\n" * 300, "is not a C3D file .* bring a C3D file"),
+        (lambda _: b"", "is empty; bring a C3D file"),
+        (lambda _: bytes(9000), "is empty; bring a C3D file"),
+        (lambda _: b"HIERARCHY\n" * 300, "is not a C3D file .* bring a C3D file"),
         (lambda d: d[:700], "is not a C3D file .* ends within the header"),
         (lambda d: b"\x63" + d[1:], "parameters are in block 99, where there is none"),
         (lambda d: d[:515] + b"\x07" + d[516:], "processor 7 wrote it, where 84"),

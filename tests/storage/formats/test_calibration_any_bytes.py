@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 
 from storage.errors import InputError
 from storage.formats.calibration.reading import read_calibration
+from tests.conftest import cases
 from tests.figures import calibration_files as files
 from tests.figures.calibration_files import rig
 from tests.figures.strategies import damaged
 
-many = settings(max_examples=120, derandomize=True, deadline=10_000)
+many = settings(max_examples=cases(60))
 
 WRITERS = {
     "pose2sim": files.write_pose2sim,
@@ -65,6 +66,7 @@ def check(cameras):
         assert (np.diag(camera.intrinsics) > 0).all()
 
 
+@pytest.mark.drawn
 @many
 @given(data=st.data())
 def test_a_damaged_calibration(calibration, data):
@@ -73,6 +75,7 @@ def test_a_damaged_calibration(calibration, data):
 
 
 @pytest.mark.parametrize("name", ["x.toml", "x.yml", "x.xml", "x.json", "x.qca.txt"])
+@pytest.mark.drawn
 @many
 @given(
     data=st.one_of(

@@ -14,6 +14,7 @@ from storage.formats.motion.joint_csv import write_joint_csv
 from storage.formats.motion.trc import write_trc
 from storage.schema import JOINTS
 from tasks.exporting.skeletons import fit_skeleton
+from tests.conftest import cases
 from tests.figures.strategies import tracks
 
 HUNDREDTH_MM = 1e-5
@@ -45,7 +46,8 @@ def read_csv(path: Path):
 @pytest.mark.parametrize(
     ("write", "suffix"), [(write_trc, ".trc"), (write_c3d, ".c3d")], ids=["trc", "c3d"]
 )
-@settings(max_examples=60, derandomize=True, deadline=None)
+@pytest.mark.drawn
+@settings(max_examples=cases(30))
 @given(track=tracks())
 def test_a_track_with_gaps_comes_back(folder, write, suffix, track):
     position, names, rate_hz = track
@@ -56,7 +58,8 @@ def test_a_track_with_gaps_comes_back(folder, write, suffix, track):
     np.testing.assert_allclose(motion.position / 1000, position, rtol=0, atol=HUNDREDTH_MM)
 
 
-@settings(max_examples=30, derandomize=True, deadline=None)
+@pytest.mark.drawn
+@settings(max_examples=cases(15))
 @given(track=tracks())
 def test_a_csv_holds_the_track(folder, track):
     position, names, rate_hz = track

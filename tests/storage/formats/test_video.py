@@ -88,7 +88,7 @@ def test_a_film_whose_packets_have_no_dates_is_read_from_its_beginning_and_says_
     assert "does not date its frames" in video.notes[0]
 
 
-def test_a_seek_that_lands_behind_its_frame_is_not_believed(tmp_path, monkeypatch):
+def test_a_seek_that_lands_behind_its_frame_is_not_believed(monkeypatch):
     video = open_video(MADE / "b_frames.mp4")
     sought = []
 

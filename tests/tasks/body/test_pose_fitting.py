@@ -37,7 +37,7 @@ def test_labels_that_a_person_gave_are_carried_as_they_are(monkeypatch):
     assert _labels_to_carry(None, center, label, joints).tolist() == [6, 0, 6]
     for given, carried in ((label, [2, 0, 6]), (None, [6, 0, 6])):
         monkeypatch.setattr(
-            "tasks.body.pose_fitting.read_initial", lambda path, g=given: SimpleNamespace(label=g)
+            "tasks.body.pose_fitting.read_initial", lambda _, g=given: SimpleNamespace(label=g)
         )
         found = _labels_to_carry(Path("initial.json"), center, label, joints)
         assert found.tolist() == carried

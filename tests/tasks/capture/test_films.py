@@ -60,7 +60,7 @@ def test_who_stops_reading_leaves_no_thread_behind(capture, monkeypatch):
     assert list(films) == []
 
 
-def test_the_camera_of_a_film_that_cannot_be_read_is_named(capture, monkeypatch):
+def test_the_camera_of_a_film_that_cannot_be_read_is_named(capture):
     def fails():
         raise InputError("nothing but noise")
 

@@ -16,7 +16,7 @@ from tests.figures.calibration_files import looking_at
 ROWS, COLUMNS, FRAMES = 96, 128, 3
 NAMES = [f"cam{n}" for n in range(1, 8)]
 GRID = volume_grid((0.0, 1.0, 0.0), (2.4, 2.2, 2.0), 0.02)
-too_slow_interpreted = pytest.mark.compiled
+pytestmark = pytest.mark.compiled  # the votes of a hundred hulls
 
 
 def ball_body(frame):
@@ -88,9 +88,7 @@ def test_what_was_filmed_together_agrees(cameras, silhouettes):
     np.testing.assert_array_equal(silhouettes, before)
 
 
-@pytest.mark.parametrize(
-    "pair", [(0, 3), *(pytest.param(p, marks=too_slow_interpreted) for p in ((1, 2), (4, 6)))]
-)
+@pytest.mark.parametrize("pair", [(0, 3), (1, 2), (4, 6)])
 def test_two_exchanged_films_are_both_named(cameras, silhouettes, pair):
     order = np.arange(len(NAMES))
     order[list(pair)] = pair[::-1]
@@ -115,7 +113,6 @@ def test_somebody_else_in_one_picture_is_a_note(cameras, silhouettes):
     assert found.explained[[0, 1, 2, 3, 5, 6]].min() > 0.95
 
 
-@too_slow_interpreted
 def test_films_that_belong_to_no_camera_are_said_to_be_mixed_up(cameras, silhouettes):
     rolled = np.roll(silhouettes, 2, axis=1)
     found = check_agreement(rolled, projection_of(cameras), GRID, NAMES)

@@ -44,6 +44,7 @@ def film_of(capture, number):
     return sorted(films)[number]
 
 
+@pytest.mark.slow
 def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys, tmp_path):
     before = sorted(capture.rglob("*"))
     assert main(["doctor", str(capture)]) == 0
@@ -58,6 +59,7 @@ def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys,
     assert sorted(capture.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_exchanged_films_stop_with_their_cameras_named(capture, capsys):
     first, second = film_of(capture, 0), film_of(capture, 3)
     for folder in ("videos", "background"):

@@ -29,6 +29,7 @@ def ring(count, **settings):
 
 
 @pytest.mark.compiled
+@pytest.mark.slow
 def test_more_cameras_carve_closer_and_a_lost_one_costs():
     few, many = (judge_layout(ring(count), VOLUME, voxel_m=VOXEL_M) for count in (4, 12))
     assert (many.excess < few.excess).all()
@@ -75,6 +76,7 @@ def test_fewer_than_three_cameras_are_refused(tmp_path, capsys):
 
 
 @pytest.mark.compiled
+@pytest.mark.slow
 def test_the_command_prints_a_table_and_json(tmp_path, capsys):
     file = tmp_path / "plan.toml"
     text = "".join(CAMERA.format(x=x, z=z) for x, z in ((3.5, 0), (0, 3.5), (-3.5, 0)))

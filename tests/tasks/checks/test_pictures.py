@@ -55,7 +55,7 @@ def test_the_axes_stand_on_the_floor_in_their_colors(camera):
         assert stands_out.max() > 50
 
 
-def test_small_backgrounds_are_enlarged_and_the_lines_with_them(camera):
+def test_small_backgrounds_are_enlarged_and_the_lines_with_them():
     tiny = looking_at("a", (3.5, 1.6, 0.4))
     object.__setattr__(tiny, "size", (160, 120))
     object.__setattr__(tiny, "intrinsics", np.diag([0.25, 0.25, 1.0]) @ tiny.intrinsics)
@@ -66,7 +66,7 @@ def test_small_backgrounds_are_enlarged_and_the_lines_with_them(camera):
     assert darkest_near(picture, column, row).max() < 90
 
 
-def test_a_camera_that_looks_away_gets_a_picture_without_lines(camera):
+def test_a_camera_that_looks_away_gets_a_picture_without_lines():
     away = looking_at("a", (3.5, 1.6, 0.4), (9.0, 1.6, 0.4))
     picture = draw_camera_check(GRAY, away, VOLUME, settings=CheckSettings(pale=0.0))
     assert abs(picture.astype(int) - 128).max() <= 1

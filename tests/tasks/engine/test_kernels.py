@@ -15,7 +15,7 @@ import tasks
 from tasks.engine import kernels
 from tests.conftest import ROOT
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]  # a new process and its compiling each
 
 FILES = {
     "calling": """
@@ -32,7 +32,8 @@ from tasks.engine.kernels import njit
 
 @njit(cache=True, nogil=True)
 def twice(number):
-    return FACTOR * number * 1
+    "Double."
+    return FACTOR * number * 1  # ours
 """,
     "constants": "FACTOR = 2\nADDED = 5\n",
     "aside": "FACTOR = 2\n",
@@ -67,9 +68,9 @@ def kept(started, tmp_path) -> Path:
 
 
 def write_package(folder: Path) -> Path:
-    folder.mkdir()
-    for name in ("__init__", "fingerprints", "kernels"):
-        shutil.copy(ROOT / "tasks" / f"{name}.py", folder)
+    (folder / "engine").mkdir(parents=True)
+    for name in ("__init__", "engine/__init__", "engine/fingerprints", "engine/kernels"):
+        shutil.copy(ROOT / "tasks" / f"{name}.py", folder / f"{name}.py")
     for name, text in FILES.items():
         (folder / f"{name}.py").write_text(text)
     return folder
@@ -77,7 +78,8 @@ def write_package(folder: Path) -> Path:
 
 def start(package: Path, before_the_call: str = "", **environment: str) -> tuple[int, int, int]:
     """Call the kernel in a new process; return its result, and how often it was kept and not."""
-    inherited = {name: text for name, text in os.environ.items() if not name.startswith("NUMBA_")}
+    kept = os.environ.items()
+    inherited = {name: text for name, text in kept if not name.startswith(("NUMBA_", "COVERAGE_"))}
     done = subprocess.run(
         [sys.executable, "-c", START.format(before_the_call=before_the_call)],
         cwd=package.parent,
@@ -109,8 +111,17 @@ def test_an_edit_to_another_file_is_compiled(kept, file, old, new, result):
     assert start(kept) == (result, 0, 1)
 
 
-def test_nothing_is_compiled_again_without_an_edit_to_what_counts(kept):
-    edit(kept / "aside.py", "2", "3")
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("aside.py", "2", "3"),
+        ("helping.py", "# ours", "# mine"),
+        ("helping.py", "Double", "Repeat"),
+    ],
+    ids=["a file aside", "a comment", "a docstring"],
+)
+def test_nothing_is_compiled_again_without_an_edit_to_what_counts(kept, file, old, new):
+    edit(kept / file, old, new)
     assert start(kept) == (25, 1, 0)
 
 
@@ -124,10 +135,10 @@ def test_what_was_compiled_before_an_edit_does_not_pass_for_the_edited(package):
 
 
 def test_what_numba_kept_without_us_is_not_taken(package):
-    ours = (package / "kernels.py").read_text()
-    (package / "kernels.py").write_text("from numba import njit\n")
+    ours = (package / "engine/kernels.py").read_text()
+    (package / "engine/kernels.py").write_text("from numba import njit\n")
     assert start(package) == (25, 0, 1)
-    (package / "kernels.py").write_text(ours)
+    (package / "engine/kernels.py").write_text(ours)
     assert start(package) == (25, 0, 1)
 
 

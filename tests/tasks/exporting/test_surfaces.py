@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.exporting.surfaces import SurfaceSettings, closed_surface, nearest_colors
+from tests.conftest import cases
 
 RAW = SurfaceSettings(smoothing_steps=0)
 TOUCHING = {
@@ -68,7 +69,8 @@ def test_cells_that_touch_in_any_way_have_a_closed_surface():
         assert volume(vertex, face) == pytest.approx(naive_volume(cells))
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.drawn
+@settings(max_examples=cases(60))
 @given(st.sets(st.tuples(st.integers(-2, 1), st.integers(3, 5), st.integers(0, 4)), min_size=1))
 def test_any_voxels_have_a_closed_surface_with_their_volume(cells):
     vertex, face = closed_surface(np.array(sorted(cells)), (0.0, 0.0, 0.0), 1.0, settings=RAW)

@@ -230,7 +230,7 @@ def test_cameras_stand_where_their_poses_say():
         np.testing.assert_allclose(place, 0, atol=1e-12)
 
 
-def test_what_does_not_fit_together_is_refused_with_every_fault(rng):
+def test_what_does_not_fit_together_is_refused_with_every_fault():
     hull = encode_runs(np.zeros((2, *SHAPE), bool))
     projection = projection_of(ring(3, distortion=[0.0]))
     message = (

@@ -33,7 +33,7 @@ def test_cells_are_those_of_the_formula_in_single_precision(rng):
     assert len(np.unique(cell)) > 2000
 
 
-def test_light_changes_chromaticity_little(rng):
+def test_light_changes_chromaticity_little():
     dim = color_cells(np.array([(100, 50, 50)], np.uint8))
     bright = color_cells(np.array([(102, 51, 51)], np.uint8))
     other = color_cells(np.array([(50, 100, 50)], np.uint8))

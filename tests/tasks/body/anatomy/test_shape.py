@@ -86,7 +86,7 @@ def test_moving_and_turning_a_performer_changes_no_shape(labeled, joint):
     np.testing.assert_allclose(np.abs(after.axes), np.abs(before.axes), atol=1e-6)
 
 
-def test_principal_axes_of_a_box_are_its_edges(rng):
+def test_principal_axes_of_a_box_are_its_edges():
     index = np.stack(np.meshgrid(range(9), range(3), range(5), indexing="ij"), -1).reshape(-1, 3)
     mean, variance, axes = body_model.principal_axes(index.astype(float))
     np.testing.assert_allclose(mean, [4, 1, 2])
@@ -122,7 +122,7 @@ def test_a_segments_motion_has_the_velocities_of_its_law(rng):
     assert Rotation.from_quat(motion.quaternion).as_matrix() == pytest.approx(rotation[:, 8])
 
 
-def test_times_that_do_not_rise_are_no_motion(rng):
+def test_times_that_do_not_rise_are_no_motion():
     position, rotation = np.zeros((3, 11, 3)), np.tile(np.eye(3), (3, 11, 1, 1))
     for time_s in ([0.0], [0.0, 1.0, 1.0]):
         with pytest.raises(ValueError, match="do not make a motion"):

@@ -96,7 +96,7 @@ def test_the_ratio_is_that_of_the_shares_of_a_color(rng, share):
     assert model.hand_separability == pytest.approx(1 - share if share < 0.3 else 0, abs=0.05)
 
 
-def test_hands_and_face_are_where_the_joints_say(rng):
+def test_hands_and_face_are_where_the_joints_say():
     place = np.array(
         [
             *([-0.80, 1.33, 0.0], [0.72, 1.30, 0.03], [0.66, 1.32, 0.0]),

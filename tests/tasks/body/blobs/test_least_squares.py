@@ -101,7 +101,7 @@ def test_a_rotation_is_found_again(rng, angle):
     np.testing.assert_allclose(again, vector, atol=1e-7)
 
 
-def test_a_steady_turn_goes_on(origin):
+def test_a_steady_turn_goes_on():
     def at(t):
         turns = np.tile(articulated.rotation_of(np.array([0.0, 0.2 * t, 0.0])), (15, 1, 1))
         turns[B("RForeArm")] = turns[0] @ articulated.rotation_of(np.array([0.3 * t, 0, 0]))
@@ -112,7 +112,7 @@ def test_a_steady_turn_goes_on(origin):
     np.testing.assert_allclose(ahead.root, at(3).root)
 
 
-def test_a_knee_beyond_its_limit_is_pushed_back(origin):
+def test_a_knee_beyond_its_limit_is_pushed_back():
     rotation = np.tile(np.eye(3), (15, 1, 1))
     k = B("RLowerLeg")
     rotation[k] = articulated.rotation_of(np.array([-0.6, 0.0, 0.0]))  # shin forwards (+z)
@@ -127,7 +127,7 @@ def test_a_knee_beyond_its_limit_is_pushed_back(origin):
     assert not system.any()
 
 
-def test_poses_blend_by_the_shortest_way(origin, pose):
+def test_poses_blend_by_the_shortest_way(pose):
     about = np.array([0.2, -0.3, 0.1])
     other = Pose(pose.root + 1.0, articulated.rotation_of(about) @ pose.rotation)
     mixed = articulated.blend([pose, other], np.array([1.0, 3.0]), pose)

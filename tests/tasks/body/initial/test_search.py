@@ -157,7 +157,7 @@ def test_hanging_arms_are_refused_with_what_to_do(stretched):
         find_initial_model(runs, GRID, 30.0)
 
 
-def test_nobody_and_two_people_are_said(figure):
+def test_nobody_and_two_people_are_said():
     with pytest.raises(InputError, match="in frame 0 there are only 0 voxels"):
         find_initial_model(runs_of(np.zeros(GRID.shape, bool)), GRID, 30.0)
     narrow = np.zeros(GRID.shape, bool)

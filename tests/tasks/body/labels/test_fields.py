@@ -79,7 +79,7 @@ def test_nearest_bones_agree_with_looking_every_voxel_up(rng, density):
     assert set(found.tolist()) == {-1, 0, 1, 3}
 
 
-def test_a_body_at_rest_has_the_bones_that_it_began_with(rng):
+def test_a_body_at_rest_has_the_bones_that_it_began_with():
     index = block((3, 4, 5), (9, 15, 27))
     bone = np.digitize(index[:, 2], [12, 19])
     found = nearest_bones(lines_of_index(index), make_fields(index, bone, BONES, MOST), *still())

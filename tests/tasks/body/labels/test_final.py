@@ -34,7 +34,7 @@ def naive_regions(label, neighbors):
     return {frozenset(n for n in range(len(label)) if name[n] == k) for k in set(name) if label[k]}
 
 
-def naive_clean(label, index, neighbors):
+def naive_clean(label, neighbors):
     regions = naive_regions(label, neighbors)
     clean = [0] * len(label)
     for value in set(label.tolist()) - {0}:
@@ -85,7 +85,7 @@ def test_cleaning_agrees_with_its_naive_twin_and_leaves_one_region_a_label(seed)
     index, label = noise(np.random.default_rng(seed), 4)
     lines = lines_of_index(index)
     clean = final_labeling.clean_labels(label, lines)
-    wanted = np.array(naive_clean(label, index, face_neighbors(index)))
+    wanted = np.array(naive_clean(label, face_neighbors(index)))
     connected = wanted > 0
     np.testing.assert_array_equal(clean[connected], wanted[connected])
     assert (clean > 0).all()
@@ -110,7 +110,7 @@ def test_of_equally_large_regions_the_first_stays():
     ]
 
 
-def test_a_piece_apart_takes_the_nearest_label(rng):
+def test_a_piece_apart_takes_the_nearest_label():
     body = np.stack(np.meshgrid(range(8), range(5), range(3), indexing="ij"), -1).reshape(-1, 3)
     apart = np.array([[11, 2, 1], [11, 2, 2]])
     label = np.concatenate([np.where(body[:, 0] < 4, 2, 9), [2, 2]])

@@ -37,7 +37,7 @@ def test_labels_are_those_of_the_nearest_voxel_before(rng):
     assert len(set(found.tolist())) > 5
 
 
-def test_a_voxel_far_from_all_of_before_still_takes_the_nearest(rng):
+def test_a_voxel_far_from_all_of_before_still_takes_the_nearest():
     before = block(4, 5, 3)
     label = np.where(before[:, 0] < 2, 3, 8).astype(np.uint8)
     now = lines_of_index(np.array([[-30, 1, 1], [2, 2, 1], [40, 2, 2]]))
@@ -155,7 +155,7 @@ def test_each_ring_goes_to_the_segment_that_shrank_most():
     np.testing.assert_array_equal(grown, truth)
 
 
-def test_nothing_grows_where_all_segments_have_their_share(rng):
+def test_nothing_grows_where_all_segments_have_their_share():
     index = block(6, 5, 4)
     label = (index[:, 1] + 1).astype(np.uint8)
     grown = provisional.restore_volumes(label, lines_of_index(index), shares(label), SETTINGS)
@@ -170,7 +170,7 @@ def test_a_share_that_cannot_be_reached_ends():
     np.testing.assert_array_equal(grown, label)
 
 
-def test_a_frame_goes_through_all_four_steps(rng):
+def test_a_frame_goes_through_all_four_steps():
     before = block(30, 5, 4)
     label = np.where(before[:, 0] < 15, 4, 5).astype(np.uint8)
     index = np.add(before, [2, 0, 0])

@@ -75,8 +75,8 @@ def find_settings() -> list[type]:
     of their settings are those of a settings file.
     """
     kinds = []
-    for path, module in _modules():
-        for node in module.body:
+    for path, text in _modules():
+        for node in ast.parse(text).body:
             if isinstance(node, ast.ClassDef) and node.name.endswith("Settings"):
                 kinds.append(getattr(importlib.import_module(_name(path)), node.name))
     kinds = [kind for kind in kinds if is_dataclass(kind)]
@@ -91,16 +91,19 @@ def settings_of(kind: type) -> list[Setting]:
 
 def find_constants() -> list[Constant]:
     """Return every numeric constant of the modules of `tasks`, in the order of the files."""
+    return [each for path, text in _modules() for each in constants_of(path, text)]
+
+
+def constants_of(path: str, text: str) -> list[Constant]:
+    """Return the numeric constants of a module, in its order."""
     constants = []
-    for path, module in _modules():
-        comments = _comments((ROOT / path).read_text(encoding="utf-8"))
-        for node, below in zip(module.body, [*module.body[1:], None], strict=True):
-            said = None
-            for name, value in _numbers(node):
-                said = _said(node, below, comments) if said is None else said
-                meaning, source, unit = _parse(said)
-                text = " ".join(ast.unparse(value).split())
-                constants.append(Constant(path, name, text, unit, meaning, source))
+    statements = ast.parse(text).body
+    comments = _comments(text)
+    for node, below in zip(statements, [*statements[1:], None], strict=True):
+        for name, value in _numbers(node):
+            meaning, source, unit = _parse(_said(node, below, comments))
+            written = " ".join(ast.unparse(value).split())
+            constants.append(Constant(path, name, written, unit, meaning, source))
     return constants
 
 
@@ -137,10 +140,10 @@ def _row(*cells: str) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _modules() -> Iterator[tuple[str, ast.Module]]:
-    """Yield the path and the parsed text of every module of `tasks`."""
+def _modules() -> Iterator[tuple[str, str]]:
+    """Yield the path and the text of every module of `tasks`."""
     for path in sorted((ROOT / "tasks").rglob("*.py")):
-        yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+        yield path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
 
 
 def _name(path: str) -> str:

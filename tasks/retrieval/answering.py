@@ -62,7 +62,7 @@ class Answer:
     seconds: float
 
     def as_json(self) -> dict[str, Any]:
-        """Return the answer as `search --json` prints it (DESIGN, section 6)."""
+        """Return the answer as `search --json` prints it (docs/contract.md, section 6)."""
         matches = [
             {"rank": rank, **asdict(match)} for rank, match in enumerate(self.matches, start=1)
         ]

@@ -14,7 +14,7 @@ ABOUT_SHOULDERS = {"Head", "Neck"} | {s + n for s in "RL" for n in SIDE[:4]}
 
 
 def stature(position, joints):
-    """Return the median over frames of head to hips plus the mean of the legs (docs/contract.md)."""
+    """Return the median over frames of head to hips plus mean of the legs (docs/contract.md)."""
     found = []
     for frame in position:
         p = dict(zip(joints, frame, strict=True))

@@ -69,7 +69,7 @@ def write_constants() -> str:
 
 
 def find_settings() -> list[type]:
-    """Return the dataclasses of settings in `tasks` that stand in no other, in the order of files.
+    """Return the dataclasses of settings in `tasks` that stand in no other, the outermost first.
 
     Those of the stages stand in `tasks.settings.Settings` where that exists, and then the names
     of their settings are those of a settings file.
@@ -81,7 +81,8 @@ def find_settings() -> list[type]:
                 kinds.append(getattr(importlib.import_module(_name(path)), node.name))
     kinds = [kind for kind in kinds if is_dataclass(kind)]
     inside = {hint for kind in kinds for hint in _field_types(kind)}
-    return [kind for kind in kinds if kind not in inside]
+    outer = [kind for kind in kinds if kind not in inside]
+    return sorted(outer, key=lambda kind: kind.__module__.count("."))
 
 
 def settings_of(kind: type) -> list[Setting]:
@@ -110,7 +111,10 @@ def constants_of(path: str, text: str) -> list[Constant]:
 def _settings_of(kind: type) -> Iterator[str]:
     """Yield the tables of a dataclass of settings, one a dataclass inside it."""
     within = f"{kind.__module__}.{kind.__qualname__}"
-    for table, settings in groupby(settings_of(kind), lambda each: each.name.rpartition(".")[0]):
+    tables: dict[str, list[Setting]] = {}
+    for each in settings_of(kind):
+        tables.setdefault(each.name.rpartition(".")[0], []).append(each)
+    for table, settings in tables.items():
         yield f"### `[{table}]` in {within}" if table else f"### {within}"
         yield ""
         yield from _table(("setting", "default", "unit", "accepted", "meaning", "reason"))

@@ -1,4 +1,4 @@
-"""The words of the archive's arrays: joints, dims and units (docs/contract.md, section 2)."""
+"""The words of the archive's arrays: joints, dims and units (DESIGN, section 2)."""
 
 _SIDE = ("Shoulder", "Elbow", "Wrist", "Fin", "Hip", "Knee", "Ankle", "Heel", "Foot")
 

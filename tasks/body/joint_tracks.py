@@ -155,7 +155,7 @@ def build_joint_track(
 
 
 def track_stature(track: NDArray[np.floating]) -> float:
-    """Return the stature of a take, metres: median over frames (docs/contract.md, section 6).
+    """Return the stature of a take, metres: the median over frames, of DESIGN's section 6.
 
     1.6 m where no frame has all joints that it is measured by.
     """

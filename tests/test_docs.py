@@ -156,6 +156,17 @@ def test_examples_can_be_read(page):
                 assert all(hasattr(module, each.name) for each in node.names)
 
 
+def test_files_of_settings_in_examples_set_something():
+    from tasks.settings import Settings, read_settings
+
+    stages = set(vars(Settings()))
+    files = [tomllib.loads(text) for page in WRITTEN for text in blocks(page, "toml")]
+    files = [tables for tables in files if stages & set(tables)]
+    assert files
+    for tables in files:
+        assert read_settings(tables, "the example") != Settings()
+
+
 def test_references_stand_where_the_page_says():
     found = rows(ROOT / "docs" / "references.md", "reference")
     assert len(found) > 30

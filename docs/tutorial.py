@@ -14,7 +14,7 @@ import storage
 from flows.ingestion import ingest_archive
 from storage.formats.pictures.pictures import write_png
 from tasks.exporting.joints import write_joint_track
-from tasks.rendering.figures import draw_joint_plot, draw_overlay
+from tasks.rendering.figures import draw_overlay
 from tasks.rendering.views import render_take
 from tasks.retrieval.answering import find_matches
 from tasks.studio.dancing.choreography import lonely, okuri48, wait
@@ -118,18 +118,27 @@ print(feet.to_string(index=False))
 # %% [markdown]
 # ## Pictures
 #
-# A joint over time with the query and its repeat shaded, and the nearest match of another performer
-# laid over the query.
+# With matplotlib installed, `right_foot.plot.line(x="time")` draws the foot over time. It is no
+# part of shosa's environment, so here is the height of the foot as an SVG file, a millimetre a
+# pixel, with the query and its repeat shaded.
 
 # %%
+heights_m = right_foot.sel(space="y").values
 own = table[table["take"] == take.name]
-image = draw_joint_plot(
-    motion["position"].values,
-    "RFoot",
-    clips=list(zip(own["start"], own["end"], strict=True)),
-    title="The right foot, and where Okuri 48 was found",
+shades = "".join(
+    f'<rect x="{start}" width="{end - start}" height="110" fill="#f3dac6"/>'
+    for start, end in zip(own["start"], own["end"], strict=True)
 )
-write_png(folder / "right-foot.png", image)
+points = " ".join(f"{frame},{100 - 1000 * height:.1f}" for frame, height in enumerate(heights_m))
+svg = (
+    f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {len(heights_m)} 110">'
+    f'{shades}<polyline points="{points}" fill="none" stroke="#268c48"/></svg>'
+)
+(folder / "right-foot.svg").write_text(svg, encoding="utf-8")
+
+# %% [markdown]
+# The nearest match of another performer laid over the query, as the search compares them: blue and
+# orange.
 
 # %%
 nearest = table[table["performer"] != "TK"].iloc[0]

@@ -254,5 +254,5 @@ def test_the_tutorial_runs(prefect_server, tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert said.count("ingested") == 5
     assert re.search(r"rank +take +start +end +distance +mirrored +performer +title", said)
-    for picture in ("right-foot.png", "overlay.png", "filmed.png"):
-        assert (tmp_path / "shosa-tutorial" / picture).stat().st_size > 10_000
+    for picture in ("right-foot.svg", "overlay.png", "filmed.png"):
+        assert (tmp_path / "shosa-tutorial" / picture).stat().st_size > 5_000

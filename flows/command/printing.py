@@ -45,7 +45,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_takes(records: Sequence[Record], *, as_json: bool) -> None:
-    """Print the takes of an archive (DESIGN, section 7)."""
+    """Print the takes of an archive (docs/contract.md, section 7)."""
     if as_json:
         print_json({"takes": [_described(record) for record in records]})
         return
@@ -145,7 +145,7 @@ def print_outcomes(outcomes: Sequence["Outcome"], *, as_json: bool) -> None:
 
 
 def print_answer(answer: "Answer", *, as_json: bool) -> None:
-    """Print the matches of a search (DESIGN, section 6)."""
+    """Print the matches of a search (docs/contract.md, section 6)."""
     if as_json:
         print_json(answer.as_json())
         return

@@ -1,7 +1,7 @@
-"""Make a joint track of a motion file: units, axes, joints, gaps, floor, stature (DESIGN 3).
+"""Make a joint track of a motion file: units, axes, joints, gaps, floor, stature.
 
 What the file does not say is inferred from the performer's body, and every inference is said
-in the track's notes.
+in the track's notes (docs/contract.md, section 3).
 """
 
 import logging
@@ -84,7 +84,7 @@ class JointTrack:
     """(time, 21), True where the joint stands on a marker that was missing in the file."""
     rate_hz: float
     stature_m: float | None
-    """As the search measures it (DESIGN 6), or as it was given."""
+    """As the search measures it (docs/contract.md, section 6), or as it was given."""
     stature_source: str
     """"measured", "given" or "unknown"."""
     marker_set: str

@@ -1,12 +1,14 @@
 """From what a user asks to an answer: find the query, open the index, search.
 
 No Prefect here: the command line calls this directly, and the flow `search_archive` calls it too.
+Notebooks call `find_matches`.
 """
 
+import os
 import re
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +30,21 @@ from tasks.retrieval.searching import (
 )
 
 if TYPE_CHECKING:
+    import pandas
+
     from tasks.motion.importing import ImportSettings
+
+_COLUMNS = {
+    "rank": int,
+    "take": object,
+    "start": int,
+    "end": int,
+    "distance": float,
+    "mirrored": bool,
+    "performer": object,
+    "title": object,
+}
+"""The columns of a table of matches, those of a `Match` among them in its order."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +63,7 @@ class Answer:
     seconds: float
 
     def as_json(self) -> dict[str, Any]:
-        """Return the answer as `search --json` prints it (DESIGN, section 6)."""
+        """Return the answer as `search --json` prints it (docs/contract.md, section 6)."""
         matches = [
             {"rank": rank, **asdict(match)} for rank, match in enumerate(self.matches, start=1)
         ]
@@ -112,6 +128,76 @@ def answer_query(
         searched_frames=sum(record.frames for record in compared),
         seconds=time.perf_counter() - begin,
     )
+
+
+def find_matches(
+    archive: Archive | str | os.PathLike[str],
+    query: str,
+    *,
+    part: str = "whole",
+    weights: Mapping[str, float] | None = None,
+    top: int = 10,
+    threshold: float | None = None,
+    mirror: bool = False,
+    path_weight: float = 0.0,
+    steps: str = "slope",
+    takes: str | None = None,
+) -> "pandas.DataFrame":
+    """Return what moves like a query as a table, as `shosa search` prints it.
+
+    Parameters
+    ----------
+    archive
+        An open archive, or where it is: a directory or a URL.
+    query
+        TAKE[:START-END] or FILE[:START-END], frames 0-based and inclusive.
+    weights
+        Joint to weight, in place of the part's: 1 for its joints, 0 for the others.
+    part, top, threshold, mirror, path_weight, steps
+        As in `SearchSettings`.
+    takes
+        Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a match, the nearest first: `rank`, `take`, `start`, `end` (frames of the take,
+        inclusive), `distance` (statures), `mirrored`, `performer` and `title` (None where the
+        metadata have none). `attrs["skipped"]` says by take what could not be compared, and why.
+
+    Raises
+    ------
+    InputError, UnknownNameError, ValueError
+        As `answer_query`.
+    """
+    import pandas  # only for a table: 0.4 s that the command line need not pay
+
+    location = archive.location if isinstance(archive, Archive) else os.fspath(archive)
+    settings = SearchSettings(
+        part=part,
+        weights=tuple((weights or {}).items()),
+        steps=steps,
+        mirror=mirror,
+        path_weight=path_weight,
+        threshold=threshold,
+        top=top,
+    )
+    answer = answer_query(location, query, settings, takes)
+    rows = []
+    for rank, match in enumerate(answer.matches, start=1):
+        about = answer.records[match.take].metadata
+        rows.append((rank, *astuple(match), about.get("performer"), about.get("title")))
+    columns = zip(*rows, strict=True) if rows else [()] * len(_COLUMNS)
+    table = pandas.DataFrame(
+        {
+            name: pandas.Series(
+                values, dtype=kind
+            )  # each with its kind: pandas guesses None as NaN
+            for (name, kind), values in zip(_COLUMNS.items(), columns, strict=True)
+        }
+    )
+    table.attrs["skipped"] = answer.skipped
+    return table
 
 
 def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:

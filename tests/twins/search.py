@@ -1,4 +1,4 @@
-"""Slow twins, written from the papers and from DESIGN, importing nothing of ours.
+"""Slow twins, written from the papers and from docs/contract.md, importing nothing of ours.
 
 Loops and float64; positions are arrays (time, joint, 3), frames and samples count from 0.
 """
@@ -14,7 +14,7 @@ ABOUT_SHOULDERS = {"Head", "Neck"} | {s + n for s in "RL" for n in SIDE[:4]}
 
 
 def stature(position, joints):
-    """Return the median over frames of head to hips plus the mean of the legs (DESIGN, 6)."""
+    """Return the median over frames of head to hips plus mean of the legs (docs/contract.md)."""
     found = []
     for frame in position:
         p = dict(zip(joints, frame, strict=True))
@@ -88,7 +88,7 @@ def path(samples, stature_m, lever):
 
 
 def pose_distance(p, q, weights):
-    """Return the weighted mean over joints of |p_k - q_k| (paper, 3.2; DESIGN, 6)."""
+    """Return the weighted mean over joints of |p_k - q_k| (paper, 3.2; docs/contract.md)."""
     total = 0.0
     for k, weight in enumerate(weights):
         if weight > 0:

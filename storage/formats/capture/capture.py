@@ -1,4 +1,4 @@
-"""Read a capture: the folder with the calibration, videos and backgrounds of a take (DESIGN, 3).
+"""Read a capture: calibration, videos and backgrounds of a take (docs/contract.md, section 3).
 
 Before anything is computed, all of it is checked against each other: every camera has a video and
 a background, image sizes agree, frame counts agree, and the cameras look at the volume.

@@ -1,0 +1,93 @@
+"""A table of matches says what the answer to the same query says."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from storage import create_archive, open_archive
+from storage.errors import InputError, UnknownNameError
+from storage.recordings import find_recordings, plan_takes
+from tasks.motion.importing import ImportSettings, import_take
+from tasks.retrieval.answering import answer_query, find_matches
+from tasks.retrieval.indexing import index_take
+from tasks.retrieval.searching import SearchSettings
+from tasks.takes.publishing import publish_take
+
+
+@pytest.fixture
+def archive(tmp_path, write_walk):
+    """Three takes, of which one says who dances, and one is too short for some queries."""
+    folder = tmp_path / "inbox"
+    for number, (name, frames) in enumerate({"okuri48": 80, "okuri49": 81, "brief": 9}.items()):
+        write_walk(folder / f"{name}.trc", seed=number, frames=frames)
+    (folder / "okuri48.toml").write_text('[take]\ntitle = "Okuri 48"\nperformer = "TK"\n')
+    location = tmp_path / "archive"
+    plan = plan_takes(create_archive(location), find_recordings([folder]))
+    for recording in plan.recordings:
+        draft = import_take(str(location), recording, ImportSettings())
+        index_take(str(location), draft["take"], draft["version"])
+        assert publish_take(str(location), draft)
+    return location
+
+
+@pytest.mark.parametrize(
+    ("options", "settings", "takes"),
+    [
+        ({}, SearchSettings(), None),
+        ({"part": "arms", "top": 2}, SearchSettings(part="arms", top=2), None),
+        ({"weights": {"RFoot": 2.0, "Head": 0.0}}, None, None),
+        ({"mirror": True, "path_weight": 0.2}, SearchSettings(mirror=True, path_weight=0.2), None),
+        ({"steps": "paper", "threshold": 0.1}, SearchSettings(steps="paper", threshold=0.1), None),
+        ({"takes": "okuri49"}, SearchSettings(), "okuri49"),
+    ],
+    ids=["whole", "arms", "weights", "mirror", "paper", "takes"],
+)
+def test_the_table_has_the_matches_of_the_answer(archive, options, settings, takes):
+    settings = settings or SearchSettings(weights=(("RFoot", 2.0), ("Head", 0.0)))
+    table = find_matches(archive, "okuri48:20-50", **options)
+    answer = answer_query(str(archive), "okuri48:20-50", settings, takes)
+    rows = table.drop(columns=["performer", "title"]).to_dict("records")
+    expected = [{"rank": rank, **asdict(m)} for rank, m in enumerate(answer.matches, start=1)]
+    assert rows == expected
+    assert rows
+    assert table.attrs["skipped"] == answer.skipped
+
+
+def test_an_open_archive_a_path_and_a_text_are_the_same_archive(archive):
+    tables = [
+        find_matches(each, "okuri48:20-50")
+        for each in (open_archive(archive), archive, f"{archive}")
+    ]
+    assert tables[0].equals(tables[1])
+    assert tables[0].equals(tables[2])
+
+
+def test_the_table_says_who_danced_what_and_what_was_not_compared(archive):
+    table = find_matches(archive, "okuri48:0-60")
+    of = {take: set(rows["performer"]) for take, rows in table.groupby("take")}
+    assert of == {"okuri48": {"TK"}, "okuri49": {None}}
+    assert set(table.loc[table["take"] == "okuri48", "title"]) == {"Okuri 48"}
+    assert "too short" in table.attrs["skipped"]["brief"]
+
+
+def test_a_table_without_matches_has_the_same_columns_and_kinds(archive):
+    empty = find_matches(archive, "okuri48:20-50", takes="okuri49", threshold=1e-9)
+    some = find_matches(archive, "okuri48:20-50")
+    assert len(empty) == 0
+    assert list(empty.columns) == [
+        *("rank", "take", "start", "end", "distance", "mirrored", "performer", "title")
+    ]
+    assert empty.dtypes.equals(some.dtypes)
+    assert some["distance"].dtype == np.float64
+    assert some["mirrored"].dtype == bool
+
+
+def test_what_cannot_be_asked_is_refused_as_on_the_command_line(archive, tmp_path):
+    with pytest.raises(UnknownNameError, match="no take 'okuri47'"):
+        find_matches(archive, "okuri47")
+    with pytest.raises(ValueError, match="no part 'foot'; did you mean feet"):
+        find_matches(archive, "okuri48", part="foot")
+    with pytest.raises(InputError, match=r"is not an archive: it has no archive\.json"):
+        find_matches(Path(tmp_path / "inbox"), "okuri48")

@@ -17,7 +17,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from tasks.engine.settings import Setting, _parse, list_settings
+from tasks.engine.settings import Setting, parse_docstring, list_settings
 
 ROOT = Path(__file__).parent.parent
 CONSTANTS = ROOT / "docs" / "constants.md"
@@ -102,7 +102,7 @@ def constants_of(path: str, text: str) -> list[Constant]:
     comments = _comments(text)
     for node, below in zip(statements, [*statements[1:], None], strict=True):
         for name, value in _numbers(node):
-            meaning, source, unit = _parse(_said(node, below, comments))
+            meaning, source, unit = parse_docstring(_said(node, below, comments))
             written = " ".join(ast.unparse(value).split())
             constants.append(Constant(path, name, written, unit, meaning, source))
     return constants

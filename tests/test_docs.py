@@ -248,7 +248,8 @@ def test_every_numeric_constant_says_what_it_means():
 @pytest.mark.slow
 @pytest.mark.flow
 @pytest.mark.compiled
-def test_the_tutorial_runs(prefect_server, tmp_path, monkeypatch, capsys):
+@pytest.mark.usefixtures("prefect_server")
+def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(ROOT / "docs" / "tutorial.py"))
     said = capsys.readouterr().out

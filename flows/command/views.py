@@ -131,7 +131,7 @@ def plan(options: argparse.Namespace) -> None:
 def _progress() -> Callable[[int, int], None]:
     """Return what shows how far a film is, on a terminal."""
     if not sys.stderr.isatty():
-        return lambda done, total: None
+        return lambda _done, _total: None
 
     def tell(done: int, total: int) -> None:
         sys.stderr.write(f"\r{done}/{total} frames" + "\n" * (done == total))

@@ -22,6 +22,7 @@ _LOOKED_AT = 8
 _WITHIN_S = 60.0
 """From the beginning: a film with one key frame is decoded from there to each frame."""
 _BLOCK = 16
+"""Frames that are decoded at a time. Few, so that films of any size fit into memory."""
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
 

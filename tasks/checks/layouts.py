@@ -27,7 +27,7 @@ from tasks.studio.stage.bodies import BodySurface, pose_surface
 from tasks.studio.stage.rasterization import draw_triangles, project_bent
 
 _GRID_M = 0.05  # of the points that say how much of the volume is seen
-_POSES = 6
+_POSES = 6  # of a performer that stands about in the volume; each is carved once
 _AROUND = 40  # cameras of the hull that is compared with
 
 
@@ -49,7 +49,7 @@ class LayoutReport:
     """(camera,) the mean of that over the poses where one camera fails; NaN where fewer are left
     than carving needs."""
     lost: NDArray[np.float64]
-    """(pose,) share of the performer that the hull misses: limbs outside the volume."""
+    """(pose,) share of the performer that the hull lacks: limbs outside the volume."""
 
 
 def judge_layout(
@@ -99,7 +99,7 @@ def judge_layout(
 def _judge_hulls(
     cameras: Sequence[Camera], volume: Volume, voxel_m: float, rule: CarvingSettings
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the excess of the hulls, without each camera, and what they miss."""
+    """Return the excess of the hulls, without each camera, and what they lack."""
     surface = _performer(volume)
     cameras = [replace(camera, distortion=np.zeros(0)) for camera in cameras]
     grid = volume_grid(volume.center_m, volume.size_m, voxel_m)

@@ -121,7 +121,7 @@ def list_settings(settings: Any, within: str = "") -> Iterator[Setting]:
         if is_dataclass(value):
             yield from list_settings(value, f"{within}{name}.")
             continue
-        meaning, reason, unit = _parse(said.get(name, ""))
+        meaning, reason, unit = parse_docstring(said.get(name, ""))
         unit = unit or _unit_of(name, kind)
         yield Setting(f"{within}{name}", value, unit, accepted_values(kind), meaning, reason)
 
@@ -146,7 +146,7 @@ def _docstrings(kind: type) -> dict[str, str]:
     return said
 
 
-def _parse(text: str) -> tuple[str, str, str]:
+def parse_docstring(text: str) -> tuple[str, str, str]:
     """Return meaning, reason and unit of a docstring; the unit is empty where none is said."""
     text = " ".join(text.split())
     meaning, _, reason = re.sub(r"(?<=[.!?]) ", "\n", text, count=1).partition("\n")

@@ -38,7 +38,9 @@ _MIDDLE = {
        for joint, name in (("Shoulder", "Collar"), ("Fin", "Palm"), ("Foot", "Toes"))},
 }  # fmt: skip
 _DOWN, _UP, _FORWARD = (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+"""Directions of a skeleton at rest. Y is up, and the performer looks along Z."""
 _REST = {"Knee": _DOWN, "Ankle": _DOWN, "Foot": _FORWARD, "Heel": (0.0, 0.0, -1.0)}
+"""The direction at rest of the bone that ends at a joint. A standing leg, with its foot flat."""
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,13 @@ UNITS = (
 """Metres in one unit, and its name, for files that do not say theirs."""
 
 TYPICAL_STATURE_M = 1.65
-LEAST_STATURE_M, GREATEST_STATURE_M = 0.5, 2.6
+"""The stature that units are told by where no other is given. Between usual women and men."""
+LEAST_STATURE_M = 0.5
+"""The least stature that is human. A newborn child is as long; no dancer is smaller."""
+GREATEST_STATURE_M = 2.6
+"""The greatest stature that is human. Chosen well above any performer; not measured."""
 _LEG_OF_STATURE = 0.5
+"""A leg from hip to ankle over the stature [share]. Drillis and Contini (1966) give 0.491."""
 _FRAMES_LOOKED_AT = 400  # enough for a median of the body's size, and quick
 
 AXES: dict[str, Positions] = {

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tasks.geometry.runs import inner_runs, runs
 
 _ORDER = 2
+"""Order of the Butterworth low-pass, before it is run back. The usual one of gait analysis."""
 _TWICE = (2**0.5 - 1) ** 0.25  # run forth and back, a filter's cut-off comes down by this much
 
 

@@ -372,9 +372,7 @@ def _write_version(
         raise
 
 
-def is_imported(
-    draft: dict[str, Any], archive: str, recording: Recording, settings: ImportSettings
-) -> bool:
+def is_imported(draft: dict[str, Any], archive: str, **_: Any) -> bool:
     """Say whether what `import_take` wrote is still there, every byte of it."""
     place = open_archive(archive).place
     return describe_files(place, draft["take"], draft["version"]) == draft["files"]

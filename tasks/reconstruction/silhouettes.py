@@ -31,9 +31,9 @@ from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.engine.kernels import njit
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
+from tasks.reconstruction.regions.components import clean_region
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
-from tasks.reconstruction.regions.specks import clean_region
 
 _BLACK = np.float32(1.0)
 """Square of a length that is added to that of the background's color [levels²]. It gives black,
@@ -109,7 +109,7 @@ class SilhouetteSettings:
     """Difference of Cr or Cb above which `crcb` sees the performer [levels of 0 to 255]. The paper
     gives none: 18 had the best overlap of 13.5, 18 and 22.5, over four rendered captures."""
 
-    speck_share: NotNegative = 8e-4
+    component_share: NotNegative = 8e-4
     """A region smaller than this is removed [share of the picture]. It is 60 pixels of 320 x 240;
     chosen by eye on the shared captures, not measured."""
 
@@ -161,7 +161,7 @@ def extract_silhouettes(
         box = _box(seed, 2 * settings.reach_px)
         if box is None:
             continue
-        least = settings.speck_share * seed.size, settings.hole_share * seed.size
+        least = settings.component_share * seed.size, settings.hole_share * seed.size
         region = seed[box].copy()
         if settings.rule == "chroma":
             region = _outlined(region, (box[0].start, box[1].start), held, least, settings)

@@ -63,7 +63,7 @@ def render_take(
     path: CameraPath = CameraPath(),
     size: tuple[int, int] = (960, 720),
     color: Literal["video", "segments"] = "video",
-    tell: Callable[[int, int], None] = lambda done, total: None,
+    tell: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> str:
     """Write a still (PNG) or a film (MP4) of a take's voxels; return what was written.
 

@@ -179,13 +179,14 @@ def search_takes(
     settings = settings or SearchSettings()
     weights = joint_weights(settings)
     shoulders = {JOINTS[k] for k in np.flatnonzero(weights)} <= _UPPER_JOINTS
-    versions = _versions(query, weights, settings.mirror)
+    versions = _versions(query, weights, mirror=settings.mirror)
     searched: list[tuple[PackedTake, list[tuple[Clip, bool]]]] = []
     skipped: dict[str, str] = {}
     compared = np.zeros(len(JOINTS), bool)
     for take in takes:
         common = [(v, (v.weights > 0) & v.joints_present & take.joints_present) for v in versions]
-        why = _why_not(query, take, settings.steps, shoulders, any(c.any() for _, c in common))
+        in_common = any(joints.any() for _, joints in common)
+        why = _why_not(query, take, settings.steps, shoulders=shoulders, in_common=in_common)
         if why:
             skipped[take.name] = why
             continue
@@ -193,17 +194,17 @@ def search_takes(
         for version, joints in common:
             if joints.any():
                 compared |= joints[OTHER_SIDE] if version.mirrored else joints
-                clip = _clip(version, joints, shoulders, settings.path_weight)
+                clip = _clip(version, joints, settings.path_weight, shoulders=shoulders)
                 clips.append((clip, version.mirrored))
         searched.append((take, clips))
     if searched:
-        _check_query(query, compared, shoulders, settings.path_weight > 0)
+        _check_query(query, compared, shoulders=shoulders, path=settings.path_weight > 0)
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
     matches.sort(key=lambda match: (match.distance, match.take, match.start))
     return Found(matches[: settings.top], skipped)
 
 
-def _versions(query: Query, weights: NDArray[np.float32], mirror: bool) -> list[_Version]:
+def _versions(query: Query, weights: NDArray[np.float32], *, mirror: bool) -> list[_Version]:
     """Return the query, and its mirror image if that is searched for too."""
     versions = [_Version(query.rows, weights, query.joints_present, False)]
     if mirror:
@@ -213,7 +214,7 @@ def _versions(query: Query, weights: NDArray[np.float32], mirror: bool) -> list[
 
 
 def _why_not(
-    query: Query, take: PackedTake, steps: str, shoulders: bool, in_common: bool
+    query: Query, take: PackedTake, steps: str, *, shoulders: bool, in_common: bool
 ) -> str | None:
     """Return why a take cannot be searched, or None."""
     shortest = shortest_match(query.rows.shape[1], steps)
@@ -230,7 +231,7 @@ def _why_not(
 
 
 def _clip(
-    version: _Version, joints: NDArray[np.bool_], shoulders: bool, path_weight: float
+    version: _Version, joints: NDArray[np.bool_], path_weight: float, *, shoulders: bool
 ) -> Clip:
     """Return a query ready to be warped: the rows of these joints, and of the path."""
     chosen = np.flatnonzero(joints)
@@ -251,7 +252,7 @@ def _clip(
     return np.ascontiguousarray(frames.T), weights.astype(np.float32), columns.astype(np.int64)
 
 
-def _check_query(query: Query, compared: NDArray[np.bool_], shoulders: bool, path: bool) -> None:
+def _check_query(query: Query, compared: NDArray[np.bool_], *, shoulders: bool, path: bool) -> None:
     """Raise a ValueError that names every joint and frame the query lacks."""
 
     def without(rows: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -29,7 +29,7 @@ from storage.publication import (
     version_folder,
 )
 from storage.recordings import digest_capture
-from storage.schema import JOINTS
+from storage.schema import JOINTS, NO_CAMERA
 from tasks.body.anatomy.segments import pose_in_parents
 from tasks.body.anatomy.shape import measure_body
 from tasks.capture.films import grid_of, largest_image
@@ -39,7 +39,6 @@ from tasks.reconstruction.voxel_frames import VoxelFrames
 
 logger = logging.getLogger(__name__)
 
-_NO_CAMERA = 255
 _DOUBTS = {
     "unmeasured": "The body was measured with little confidence, so the pose is doubtful in {}: "
     "correct the joints that `shosa export ARCHIVE TAKE initial.json` writes, with a picture.",
@@ -214,7 +213,7 @@ def _write_groups(
             "origin_m": list(grid.origin_m),
             "voxel_m": grid.voxel_m,
             "shape": list(grid.shape),
-            "no_camera": _NO_CAMERA,
+            "no_camera": NO_CAMERA,
             "provenance": provenances["carving"].attributes(),
         },
         array_attributes={

@@ -80,7 +80,7 @@ def digitize(capture: Path, archive: str) -> dict[str, Any]:
         return written
 
     blocks, _ = chain.digitize(
-        opened.location, recording, settings, run=run, tell=lambda stage, end: None
+        opened.location, recording, settings, run=run, tell=lambda _stage, _end: None
     )
     clock, processor = time.monotonic(), used()
     draft = assemble_take(

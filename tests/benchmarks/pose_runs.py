@@ -82,7 +82,7 @@ def make_voxels(
         )
 
     blocks, _ = chain.make_voxels(
-        str(archive), recording, Settings(), run=run, tell=lambda stage, end: None
+        str(archive), recording, Settings(), run=run, tell=lambda _stage, _end: None
     )
     return Voxels(str(archive), recording, blocks)
 
@@ -123,7 +123,7 @@ def pose(voxels: Voxels, truth_path: Path, settings: Settings) -> dict[str, Any]
     try:
         blocks = chain.make_poses(
             voxels.archive, voxels.recording, voxels.blocks, settings,
-            run=run, tell=lambda stage, end: None,
+            run=run, tell=lambda _stage, _end: None,
         )  # fmt: skip
     except (InputError, ArchiveError) as error:
         return {"refused": str(error)}

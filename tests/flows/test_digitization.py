@@ -139,9 +139,7 @@ def test_what_did_not_change_is_not_computed_again_and_a_change_is_a_new_version
     assert (take.record.number, take.voxels(3).attrs["voxel_m"]) == (2, 0.06)
 
 
-def test_settings_of_the_capture_and_of_the_run_are_used_kept_and_told(
-    prefect_server, posed, tmp_path
-):
+def test_settings_of_the_capture_and_of_the_run_are_used_kept_and_told(posed, tmp_path):
     """The run's win; what was really used is in the provenance of each array."""
     from flows.ingestion import ingest_archive
 

@@ -80,11 +80,11 @@ def outline(image, color, inside, reach, cut, other=np.inf):
     return out
 
 
-def without_specks_and_holes(region, speck, hole):
-    """Return a region without components below `speck` and holes below `hole` pixels."""
+def without_small_components_and_holes(region, least, hole):
+    """Return a region without components below `least` and holes below `hole` pixels."""
     out = region.copy()
     for component in _components(region, diagonal=True):
-        if len(component) < speck:
+        if len(component) < least:
             for i, j in component:
                 out[i, j] = False
     rows, columns = out.shape

@@ -100,7 +100,7 @@ def read_capture(folder: Path) -> Capture:
 
 
 @lru_cache(maxsize=8)  # takes that one process digitizes side by side
-def capture_of(folder: str, digest: str) -> Capture:
+def capture_of(folder: str, digest: str) -> Capture:  # noqa: ARG001 - what is kept is of it
     """Read a capture whose content has this digest; once a process, whatever stage asks.
 
     Parameters

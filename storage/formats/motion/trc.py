@@ -59,7 +59,7 @@ def read_trc(path: Path) -> MotionFile:
     if _number(header.get("nummarkers", "")) != len(names):
         said = header.get("nummarkers", "nothing")
         notes.append(f"NumMarkers says {said}; there are {len(names)} names, which were read.")
-    table = _table(path, rows, first, contiguous, len(data))
+    table = _table(path, rows, first, len(data), contiguous=contiguous)
     notes += _check_times(path, table, rate_hz)
     position, kept, more = _markers(path, table, columns, names)
     position, absurd = reading.without_absurd(position)
@@ -155,7 +155,7 @@ def _check_complete(
 
 
 def _table(
-    path: Path, rows: Sequence[Sequence[str]], first: int, contiguous: bool, read: int
+    path: Path, rows: Sequence[Sequence[str]], first: int, read: int, *, contiguous: bool
 ) -> NDArray[np.float64]:
     """Return the numbers of all cells, NaN where one is empty, a frame a row."""
     width = max(map(len, rows))

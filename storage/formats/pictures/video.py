@@ -200,8 +200,8 @@ def _decoder(path: Path) -> Any:
 
 
 @lru_cache(maxsize=64)
-def _open_file(path: Path, state: tuple[int, int, int]) -> Video:
-    """Look through a file; `state` says that it is still the one that was looked through."""
+def _open_file(path: Path, _state: tuple[int, int, int]) -> Video:
+    """Look through a file; `_state` says that it is still the one that was looked through."""
     cv2 = quiet_cv2()
     capture = _decoder(path)
     rate_hz = capture.get(cv2.CAP_PROP_FPS)

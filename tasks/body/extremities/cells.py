@@ -128,13 +128,13 @@ def find_ends(cells: Cells, least_m: float, apart_m: float, most: int) -> NDArra
     return ends[choose_apart(cells.center[ends], way[ends], apart_m, most)]
 
 
-def choose_apart(place: Floats, worth: Floats, apart_m: float, most: int) -> NDArray[np.intp]:
-    """Return which places are worth most and farther than `apart_m` from each other.
+def choose_apart(place: Floats, likelihood: Floats, apart_m: float, most: int) -> NDArray[np.intp]:
+    """Return which places are most likely and farther than `apart_m` from each other.
 
-    At most `most` are chosen, the worthiest first, of equals the first.
+    At most `most` are chosen, the likeliest first, of equals the first.
     """
     chosen = np.empty(most, np.intp)
-    order = np.argsort(-worth, kind="stable")
+    order = np.argsort(-likelihood, kind="stable")
     return chosen[: _choose(np.ascontiguousarray(place), order, apart_m, chosen)]
 
 

@@ -169,7 +169,7 @@ def best_paths(
             candidate, begin, order, np.array(start, np.float64), (first, moves, states), rule
         )
         likely = _probabilities(first, moves, states, move, own)
-        path = _trace(slot, (first, moves, states), move, best)
+        path = _trace((first, moves, states), move, best)
         position[order], weight[order] = _read(slot, first, states, likely, path, rule.alike)
         totals[part] = best[states[-2] :].min()
     return position, weight, totals
@@ -378,7 +378,7 @@ def _part(first: Any, moves: Any, states: Any, chance: Any, own: Any, t: Any) ->
 
 
 @njit(cache=True, nogil=True)
-def _trace(slot: Any, layout: Any, move: Any, best: Any) -> Any:
+def _trace(layout: Any, move: Any, best: Any) -> Any:
     """Return (time, 2) the slots of the best path."""
     first, moves, states = layout
     frames = len(states) - 2

@@ -121,7 +121,7 @@ def vote_facing(
 ) -> tuple[float, list[str]]:
     """Return how surely the performer faces `arms.front` (-1 to 1) and what said so.
 
-    Four witnesses: feet are longer before the ankle than behind it, knees bend forward, a face
+    Four cues: feet are longer before the ankle than behind it, knees bend forward, a face
     has the color of the hands and hair has not, and heads are held before the neck.
 
     Parameters

@@ -91,11 +91,11 @@ def find_joints(
     trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
     feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
     trunk = lift_hips(trunk, find_fork(cells, point, feet))
-    vote, witnesses = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
+    vote, told_by = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
     if vote < 0:
         arms, feet = arms.turned(), feet[::-1]
-    if witnesses:
-        notes.append(f"Which way the performer faces was told by {' and '.join(witnesses)}.")
+    if told_by:
+        notes.append(f"Which way the performer faces was told by {' and '.join(told_by)}.")
     if abs(vote) < LEAST_VOTE:
         notes.append("Which way the performer faces is doubtful: check right and left.")
     if len(feet) < 2:

@@ -44,7 +44,7 @@ class InitialModel:
     position: NDArray[np.float64]
     """(21, 3) metres, joints as in `storage.schema.JOINTS`; NaN where not found."""
     label: NDArray[np.uint8]
-    """(voxel,) segment 1 to 11 of that frame's voxels, in order; 0 for specks off the body."""
+    """(voxel,) segment 1 to 11 of that frame's voxels, in order; 0 for pieces off the body."""
     confidence: float
     """From 0 to 1: how well the shape fitted stretched arms, and how whole it was."""
     notes: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""Outlines, specks and pixels of silhouettes."""
+"""Outlines, connected components and pixels of silhouettes."""

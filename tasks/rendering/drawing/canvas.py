@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 Image = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-PAPER: Color = (250, 249, 246)
-INK: Color = (32, 36, 44)
-GRAY: Color = (112, 116, 124)
-GRID: Color = (222, 220, 212)
-BLUE: Color = (43, 95, 208)
-ORANGE: Color = (217, 107, 28)
-RED: Color = (190, 52, 48)
-GREEN: Color = (38, 140, 72)
+PAPER: Color = (250, 249, 246)  # The background, RGB. Chosen by eye; not measured.
+INK: Color = (32, 36, 44)  # Text and outlines, RGB. Chosen by eye; not measured.
+GRAY: Color = (112, 116, 124)  # What is less important, RGB. Chosen by eye; not measured.
+GRID: Color = (222, 220, 212)  # Lines of the floor, RGB. Chosen by eye; not measured.
+BLUE: Color = (43, 95, 208)  # A query, RGB. Chosen by eye; not measured.
+ORANGE: Color = (217, 107, 28)  # A match, RGB. Chosen by eye; not measured.
+RED: Color = (190, 52, 48)  # The right side, or what is wrong, RGB. Chosen by eye; not measured.
+GREEN: Color = (38, 140, 72)  # An axis, RGB. Chosen by eye; not measured.
 
 FINE = 2
 """How much larger pictures are drawn before they are reduced, for smooth edges [times]. Chosen by

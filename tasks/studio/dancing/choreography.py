@@ -14,7 +14,9 @@ Pose = dict[str, float]
 Hand = tuple[float, float, float]
 
 HANGING: Hand = (0.13, -0.95, 0.1)
+"""Where a hand hangs, from its shoulder: outwards, up, forwards [arm's lengths]. By eye."""
 LOW: Hand = (0.0, -0.72, 0.42)
+"""Where a hand is held low before the body, likewise [arm's lengths]. By eye."""
 LEANING = ("bow", "side", "twist", "look")
 NEUTRAL: Pose = dict.fromkeys(CONTROLS, 0.0) | {
     f"{side}_{axis}": value

@@ -29,8 +29,8 @@ SEGMENTS = (
 )
 """Names of the labels 1 to 11 of a segment."""
 
-SKIN: Color = (222, 176, 142)
-HAIR: Color = (32, 26, 28)
+SKIN: Color = (222, 176, 142)  # of face and hands, RGB. By eye.
+HAIR: Color = (32, 26, 28)  # of the head, RGB. By eye.
 CHECKS = {
     "Body": ((176, 38, 48), (226, 98, 92)),
     "Waist": ((36, 58, 150), (92, 122, 206)),
@@ -45,23 +45,32 @@ CHECKS = {
 }
 """The two colors of each segment's close-fitting clothes, RGB before light falls on them."""
 
-ROBE = ((112, 40, 128), (158, 72, 166))
+ROBE = ((112, 40, 128), (158, 72, 166))  # two colors of a kimono, RGB. By eye.
+# Two colors of each sleeve of a kimono, RGB. By eye.
 SLEEVES = {"R": ((132, 36, 96), (184, 82, 142)), "L": ((84, 52, 150), (130, 98, 196))}
-SASH = ((196, 158, 44), (232, 204, 104))
-SHOES = ((40, 36, 40), (70, 64, 70))
-SOCKS = ((236, 232, 228), (214, 208, 206))
+SASH = ((196, 158, 44), (232, 204, 104))  # two colors of the sash of a kimono, RGB. By eye.
+SHOES = ((40, 36, 40), (70, 64, 70))  # two colors of shoes, RGB. By eye.
+SOCKS = ((236, 232, 228), (214, 208, 206))  # two colors of socks, RGB. By eye.
 
 _ADULT_M = 0.961 * 1.70  # ankle to top of the head along the bones of an adult of 1.70 m
+# Rings, as of `_HEAD`. An adult\'s, by eye.
 _ARM = ((0.0, 0.052, 0.052), (0.45, 0.047, 0.047), (1.0, 0.039, 0.039))
+# Rings, as of `_HEAD`. An adult\'s, by eye.
 _FOREARM = ((0.0, 0.040, 0.040), (0.25, 0.043, 0.041), (1.0, 0.028, 0.024))
+# Rings, as of `_HEAD`. An adult\'s, by eye.
 _HAND = ((0.0, 0.026, 0.022), (0.35, 0.041, 0.018), (0.8, 0.034, 0.013), (1.0, 0.014, 0.009))
+# Rings, as of `_HEAD`. An adult\'s, by eye.
 _THIGH = ((0.0, 0.088, 0.090), (0.4, 0.077, 0.079), (1.0, 0.053, 0.055))
+# Rings, as of `_HEAD`. An adult\'s, by eye.
 _SHANK = ((0.0, 0.053, 0.055), (0.3, 0.057, 0.058), (0.8, 0.038, 0.040), (1.0, 0.037, 0.041))
+# Rings, as of `_HEAD`. An adult's, by eye.
 _FOOT = (
     *((0.0, 0.018, 0.022), (0.05, 0.031, 0.035), (0.3, 0.036, 0.045)),
     *((0.7, 0.046, 0.030), (0.9, 0.040, 0.019), (1.0, 0.016, 0.010)),
 )
+# Rings, as of `_HEAD`. An adult's, by eye.
 _WAIST = ((0.0, 0.163, 0.112), (0.5, 0.155, 0.110), (1.0, 0.134, 0.096))
+# Rings, as of `_HEAD`. An adult's, by eye.
 _CHEST = (
     *((0.0, 0.134, 0.096), (0.4, 0.150, 0.106), (0.7, 0.166, 0.112), (0.88, 0.170, 0.090)),
     *((0.96, 0.110, 0.074), (1.0, 0.070, 0.062)),
@@ -118,10 +127,10 @@ def pose_surface(
     joints = {name: np.asarray(joints[name], np.float64) for name in _needed()}
     axes, scale = _trunk_axes(joints), _measure(joints)
     robed = clothes == "kimono"
-    tubes = [*_trunk(joints, axes, scale, robed), _head(joints, axes, scale)]
+    tubes = [*_trunk(joints, axes, scale, robed=robed), _head(joints, axes, scale)]
     for side, outward in (("R", -1.0), ("L", 1.0)):
-        tubes += _arm(joints, axes, scale, side, outward, robed)
-        tubes += _leg(joints, axes, scale, side, robed)
+        tubes += _arm(joints, axes, scale, side, outward, robed=robed)
+        tubes += _leg(joints, axes, scale, side, robed=robed)
     body = join_tubes(tubes)
     cloth = [_skirt(joints, axes, scale)] if robed else []
     cloth += [_sleeve(joints, axes, scale, side) for side in "RL"] if robed else []
@@ -191,7 +200,7 @@ def _carry(front: Track, before: Track, after: Track) -> Track:
     return _across(front - along / np.maximum(bend, 1e-3) * (before + after), after)
 
 
-def _trunk(joints: Mapping[str, Track], axes: _Axes, scale: float, robed: bool) -> list[Tube]:
+def _trunk(joints: Mapping[str, Track], axes: _Axes, scale: float, *, robed: bool) -> list[Tube]:
     """Return waist and chest."""
     middle = joints["Waist"]
     waist = tube_along(
@@ -249,7 +258,13 @@ def _nose(head: Tube, front: Track, scale: float) -> Track:
 
 
 def _arm(
-    joints: Mapping[str, Track], axes: _Axes, scale: float, side: str, outward: float, robed: bool
+    joints: Mapping[str, Track],
+    axes: _Axes,
+    scale: float,
+    side: str,
+    outward: float,
+    *,
+    robed: bool,
 ) -> list[Tube]:
     """Return upper arm, forearm and hand."""
     shoulder, elbow, wrist, tip = (
@@ -272,7 +287,7 @@ def _arm(
 
 
 def _leg(
-    joints: Mapping[str, Track], axes: _Axes, scale: float, side: str, robed: bool
+    joints: Mapping[str, Track], axes: _Axes, scale: float, side: str, *, robed: bool
 ) -> list[Tube]:
     """Return upper leg, lower leg and foot; the sole goes through heel and toe."""
     hip, knee, ankle, heel, toe = (

@@ -10,8 +10,8 @@ from storage.formats.pictures.video import open_video, read_frames
 from tasks.capture import backgrounds
 from tasks.capture.backgrounds import Background, make_background, measure_gain, smooth
 from tasks.reconstruction import silhouettes as stage
+from tasks.reconstruction.regions.components import clean_region
 from tasks.reconstruction.regions.outlines import draw_outline
-from tasks.reconstruction.regions.specks import clean_region
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
 from tests.twins import silhouettes as naive
 
@@ -180,12 +180,12 @@ def test_the_outline_in_a_box_is_that_in_the_picture(rng):
     assert (whole != there).sum() > 20
 
 
-def test_specks_and_holes_agree_with_their_naive_twin(rng):
+def test_small_components_and_holes_agree_with_their_naive_twin(rng):
     for density in (0.3, 0.5, 0.65):
         region = rng.random((22, 31)) < density
         fast = np.zeros(region.shape, np.bool_)
         clean_region(region.astype(np.uint8), (6.0, 4.0), fast)
-        slow = naive.without_specks_and_holes(region, 6.0, 4.0)
+        slow = naive.without_small_components_and_holes(region, 6.0, 4.0)
         np.testing.assert_array_equal(fast, slow)
         assert (slow != region).sum() > 0
 
@@ -299,8 +299,8 @@ def test_where_the_background_flickers_the_threshold_is_higher(rng):
     frame = plate(rng).astype(float)
     frame[:, 40:] += rng.normal(0, 60, (ROWS, 24, 3))
     frame = np.clip(frame, 0, 255).astype(np.uint8)
-    strict = SilhouetteSettings(noise_levels=0.0, speck_share=0.0)
-    tolerant = SilhouetteSettings(noise_levels=5.0, speck_share=0.0)
+    strict = SilhouetteSettings(noise_levels=0.0, component_share=0.0)
+    tolerant = SilhouetteSettings(noise_levels=5.0, component_share=0.0)
     assert one(frame, background, tolerant).sum() < 0.1 * one(frame, background, strict).sum()
 
 

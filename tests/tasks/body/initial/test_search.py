@@ -186,7 +186,7 @@ def test_arms_that_are_none_are_refused(figure, monkeypatch):
     ):
         find_initial_model(runs_of(held), GRID, 30.0)
     found = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
-    monkeypatch.setattr(search, "bones_inside", lambda *given: 0.58)
+    monkeypatch.setattr(search, "bones_inside", lambda *_: 0.58)
     strict = InitialModelSettings(least_inside=0.59)
     with pytest.raises(
         InputError, match=r"only \d+% of the bones that were found in frame 0 lie in"

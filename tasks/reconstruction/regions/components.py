@@ -16,13 +16,13 @@ from tasks.engine.kernels import njit
 def clean_region(
     region: NDArray[np.uint8], least: tuple[float, float], cleaned: NDArray[np.bool_]
 ) -> None:
-    """Write a region without its specks and with its small holes filled.
+    """Write a region without its small components and with its small holes filled.
 
     Parameters
     ----------
     region : (row, column) uint8
         0 outside.
-    least : (speck, hole)
+    least : (component, hole)
         Pixels that an 8-connected part must have to stay, and that a 4-connected hole must have
         to stay open. What reaches the border of the picture is no hole.
     cleaned : (row, column) bool
@@ -31,12 +31,12 @@ def clean_region(
     rows, columns = region.shape
     most = rows * (columns // 2 + 1)
     runs, area = np.empty((most, 4), np.int32), np.empty(most, np.int64)
-    _remove_specks(region, least[0], runs, area, cleaned)
+    _remove_small_components(region, least[0], runs, area, cleaned)
     _fill_holes(least[1], runs, area, cleaned)
 
 
 @njit(cache=True, nogil=True)
-def _remove_specks(region: Any, least: Any, runs: Any, area: Any, cleaned: Any) -> None:
+def _remove_small_components(region: Any, least: Any, runs: Any, area: Any, cleaned: Any) -> None:
     """Write the parts of a region that have `least` pixels."""
     count = _find_runs(region, True, 1, runs)
     _measure(runs, count, area)

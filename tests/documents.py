@@ -17,7 +17,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from tasks.engine.settings import Setting, parse_docstring, list_settings
+from tasks.engine.settings import Setting, list_settings, parse_docstring
 
 ROOT = Path(__file__).parent.parent
 CONSTANTS = ROOT / "docs" / "constants.md"

@@ -1,1 +1,1 @@
-"""Rotations, skeletons and the floor: pure functions over arrays."""
+"""What several wings share: voxels, lines of voxels, projection, sides of a grid, runs."""

@@ -106,7 +106,7 @@ def accepted_values(kind: Any) -> str:
 
 
 def list_settings(settings: Any, within: str = "") -> Iterator[Setting]:
-    """Yield every setting of a dataclass of settings, those of dataclasses inside it too.
+    """Yield every setting of a dataclass of settings, then those of the dataclasses inside it.
 
     Parameters
     ----------
@@ -116,14 +116,17 @@ def list_settings(settings: Any, within: str = "") -> Iterator[Setting]:
         What stands before the names, `pose_fitting.` for instance.
     """
     said = _docstrings(type(settings))
+    values = {name: getattr(settings, name) for name in field_kinds(type(settings))}
     for name, kind in field_kinds(type(settings)).items():
-        value = getattr(settings, name)
+        value = values[name]
         if is_dataclass(value):
-            yield from list_settings(value, f"{within}{name}.")
             continue
         meaning, reason, unit = parse_docstring(said.get(name, ""))
         unit = unit or _unit_of(name, kind)
         yield Setting(f"{within}{name}", value, unit, accepted_values(kind), meaning, reason)
+    for name, value in values.items():
+        if is_dataclass(value):
+            yield from list_settings(value, f"{within}{name}.")
 
 
 @cache

@@ -83,7 +83,7 @@ class InitialModelSettings:
     """How far from the middle an arm reaches at least [heights of the performer]. Stretched ones
     reach 0.45 to 0.57 (crouching), hanging ones 0.2."""
     steepest: Positive = 0.36
-    """Tangent of the largest angle of an arm from straight sideways. 20 degrees; chosen by eye on
+    """Largest slope of an arm from straight sideways [tangent]. 20 degrees; chosen by eye on
     the shared captures, not measured."""
     least_inside: Share = 0.75
     """How much of the bones' lengths lies in the hull at least. Less is no body: 0.94 to 1 where

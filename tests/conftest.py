@@ -35,18 +35,11 @@ def cases(number: int) -> int:
 
 
 def pytest_collection_modifyitems(items):
-    """Put the long files first, so that both cores are busy to the end; choose what is measured.
-
-    Coverage cannot see into compiled code. Where kernels are compiled, only tests that the
-    interpreted run leaves out are measured.
-    """
-    compiled = os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
+    """Put the long files first, so that both cores are busy to the end."""
     weights = {}
     for item in items:
         marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
         weights[item.path] = max(weights.get(item.path, marks), marks)
-        if compiled and not any(marks):
-            item.add_marker("no_cover")
     items.sort(key=lambda item: weights[item.path], reverse=True)
 
 

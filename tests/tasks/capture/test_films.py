@@ -12,6 +12,8 @@ from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tasks.studio.performances import TK, generate_performance
 
+pytestmark = pytest.mark.compiled  # the films are rendered, which takes long interpreted
+
 FRAMES = 21
 RING = RingSettings(cameras=4, size=(80, 60), radius_m=3.5)
 

@@ -272,6 +272,7 @@ def test_one_more_camera_never_adds_a_voxel_where_enough_cameras_saw_it_before(r
     assert removed > 100
 
 
+@pytest.mark.compiled
 def test_more_misses_and_fewer_needed_cameras_never_remove_a_voxel(rng):
     grid = GRIDS[0]
     cameras = [random_camera(rng, grid, "barrel") for _ in range(5)]

@@ -246,6 +246,7 @@ def test_another_exposure_changes_little(rng, gain):
     assert overlap(one(brighter, background), one(frame, background)) > 0.97
 
 
+@pytest.mark.compiled
 @BOTH
 def test_cutting_a_take_into_blocks_changes_nothing(rng, rule):
     settings = SilhouetteSettings(rule=rule)

@@ -58,12 +58,14 @@ def test_gloves_are_known_by_their_own_color(rng):
     assert np.mean(hand > 1.0) < 0.02
 
 
+@pytest.mark.compiled
 def test_a_costume_of_the_color_of_skin_makes_a_model_that_knows_nothing(rng):
     model = learn(rng, cloth=SKIN)
     assert model.hand_separability < 0.05
     assert model.face_separability < 0.05
 
 
+@pytest.mark.compiled
 def test_gloves_of_the_costumes_color_leave_a_guess_by_the_face(rng):
     model = learn(rng, hand=CLOTH)
     assert model.hand_separability == pytest.approx(0.4 * model.face_separability)
@@ -107,6 +109,7 @@ def test_hands_and_face_are_where_the_joints_say():
     np.testing.assert_array_equal(kind, [1, 1, 3, 2, 0, 0, 3])
 
 
+@pytest.mark.compiled
 def test_colors_that_are_not_a_voxels_own_teach_nothing(rng):
     frames = [dancer(STRETCHED, rng)]
     odd = SurfaceFrame(frames[0].center, frames[0].color.copy(), frames[0].camera)

@@ -152,6 +152,7 @@ def test_where_skin_says_nothing_weights_are_low(rng):
     assert nude.weight.max() < 0.1
 
 
+@pytest.mark.compiled
 def test_each_hand_is_among_the_cheapest_candidates(rng):
     hands = swing(12)
     found = find_extremities(film(hands, rng), RATE_HZ, STATURE_M, JOINTS)

@@ -267,6 +267,7 @@ def test_a_whole_frame_is_chosen(stretched, part, first):
     assert model.confidence == pytest.approx(same.confidence)
 
 
+@pytest.mark.compiled
 def test_what_each_frame_has_lost_is_put_back_from_the_others(figure, found):
     """Every frame has lost something, each time something else."""
     parts = (FOOT, HAND, ("LKnee", "LAnkle"), ("RElbow", "RWrist"))

@@ -56,6 +56,7 @@ def test_blobs_are_pulled_to_the_middle_of_their_voxels_by_at_most_their_share(w
     np.testing.assert_allclose(evidence[0], pull[:, None, None] * inverse, rtol=0.02, atol=1e-6)
 
 
+@pytest.mark.compiled
 def test_a_hand_goes_where_it_was_seen(waving):
     runs, _, figures = waving
     model = model_of(figures[0], runs)

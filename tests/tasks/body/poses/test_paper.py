@@ -153,6 +153,7 @@ def test_a_segment_without_voxels_hangs_on_its_parent(body):
     np.testing.assert_allclose(after[4], before[4], atol=1e-9)
 
 
+@pytest.mark.compiled
 def test_a_track_begins_with_the_first_pose_and_carries_the_joints(body):
     center, label, model = body
     frames = [(model.position, model.rotation, np.ones(11))]

@@ -92,7 +92,6 @@ AFTER_HULLS = ["color_block"] * 2 + ["model_take", "fit_take", *AFTER_FIT]
         ({"pose_fitting": {"paper": {"rounds": 2}}}, []),
         ({"joint_tracks": {"radius": 0.06}}, ["track_take"]),
         ({"pose_fitting": {"doubts": {"hidden_s": 0.2}}}, ["fit_take", *AFTER_FIT]),
-        ({"initial_model": {"second_person": 0.4}}, ["model_take"]),
         ({"agreement": {"margin_m": 0.2}}, []),
     ],
     ids=lambda value: next(iter(value), "nothing") if isinstance(value, dict) else None,

@@ -38,6 +38,7 @@ from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_not
 from tasks.motion.gaps import fill_gaps, filter_low_pass
 from tasks.motion.marker_choice import Choice, choose_points, place_joints
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present, measure_stature
+from tasks.motion.strays import remove_strays
 from tasks.motion.virtual_joints import plan_points
 
 logger = logging.getLogger(__name__)
@@ -133,20 +134,29 @@ def make_joint_track(
     choice, markers = choice.alone()
     names = tuple(motion.names[i] for i in markers)
     longest = math.floor(settings.longest_gap_s * motion.rate_hz + 1e-9)
-    measured = raw[:, markers] * unit_m
+    measured, stray_notes, faults = remove_strays(raw[:, markers] * unit_m, names, motion.rate_hz)
+    if stray_notes:  # what is left may be no body
+        faults += _joint_faults(place_joints(measured, choice), choice, motion)
+    if faults:
+        raise InputError(f"{file_name} cannot be imported: {'; '.join([*faults, *stray_notes])}")
     whole = fill_gaps(measured, longest)
     position = place_joints(whole, choice)
     filled = np.isfinite(position[..., 0])
     filled &= False if whole is measured else np.isnan(place_joints(measured, choice)[..., 0])
-    up, up_notes = find_up(position, motion, up=settings.up)
-    position = position @ AXES[up].T
+    gap_notes = list(_gap_notes(measured, whole, names, longest))
+    del measured, whole  # of a long take they are large
+    rest = None if motion.rest is None else place_joints(motion.rest[None, markers], choice)
+    up, up_notes = find_up(position, motion, up=settings.up, rest=rest)
+    if up != "y":
+        position = position @ AXES[up].T
     notes = [
         *motion.notes,
         *_joint_notes(choice, position),
         *choice.notes,
         *unit_notes,
         *up_notes,
-        *_gap_notes(measured, whole, names, longest),
+        *stray_notes,
+        *gap_notes,
         *side_notes(position),
     ]
     if settings.low_pass_hz is not None:

@@ -90,7 +90,11 @@ def choose_points(
 
 def place_joints(position: NDArray[np.float64], choice: Choice) -> NDArray[np.float64]:
     """Return the 21 joints, (time, 21, 3), from the markers in metres."""
-    given = {point: position[:, recipe].mean(axis=1) for point, recipe in choice.recipes.items()}
+    given = {
+        # One marker alone is no copy: a take may be long.
+        point: position[:, recipe].mean(axis=1) if len(recipe) > 1 else position[:, recipe[0]]
+        for point, recipe in choice.recipes.items()
+    }
     points = place_points(given)
     missing = np.full((len(position), 3), np.nan)
     return np.stack([points.get(joint, missing) for joint in JOINTS], axis=1)

@@ -95,7 +95,11 @@ def read_bvh(path: Path) -> MotionFile:
     kept, again = reading.first_of_each([bone.name for bone in bones])
     position, absurd = reading.without_absurd(position[:, kept] if again else position)
     names = tuple(bones[at].name for at in kept)
-    return MotionFile("bvh", names, position, rate_hz, None, "y", (*notes, *again, *absurd))
+    rest = np.zeros((len(bones), 3))
+    for at, bone in enumerate(bones):
+        rest[at] = bone.offset if bone.parent < 0 else rest[bone.parent] + bone.offset
+    notes += [*again, *absurd]
+    return MotionFile("bvh", names, position, rate_hz, None, "y", tuple(notes), rest[kept])
 
 
 def _read_hierarchy(path: Path, text: str) -> list[_Bone]:

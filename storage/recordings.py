@@ -13,6 +13,8 @@ from storage.archive import Archive, take_name
 from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
 from storage.formats.capture.capture_toml import MARK, read_capture_toml
+from storage.formats.encodings import normalized
+from storage.formats.reading import decode_toml
 from storage.formats.settings_toml import SETTINGS_FILE
 from storage.places import read_file, write_file
 from storage.provenance import digest_file
@@ -171,18 +173,31 @@ def read_metadata(motion_file: Path) -> dict[str, Any]:
     InputError
         If the file cannot be read as TOML, or has no such table.
     """
-    path = motion_file.with_suffix(".toml")
-    if not path.is_file():
+    path = _beside(motion_file)
+    if path is None:
         return {}
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))["take"]
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        table = tomllib.loads(decode_toml(path, path.read_bytes()))["take"]
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"the metadata {path} are not TOML: {error}") from error
     except KeyError:
         raise InputError(f"the metadata {path} have no table [take]") from None
     if not isinstance(table, dict):
         raise InputError(f"the metadata {path} have no table [take]")
     return json.loads(json.dumps(table, default=str))
+
+
+def _beside(motion_file: Path) -> Path | None:
+    """Return the .toml beside a motion file, in whatever way the letters of its name are composed.
+
+    Macs and shares from Macs decompose a name, and not always that of both files.
+    """
+    path = motion_file.with_suffix(".toml")
+    if path.is_file() or path.name.isascii():
+        return path if path.is_file() else None
+    name = normalized(path.name)
+    same = (other for other in path.parent.iterdir() if normalized(other.name) == name)
+    return next((other for other in same if other.is_file()), None)
 
 
 def remember_source(archive: Archive, record: Record) -> None:
@@ -255,7 +270,8 @@ def _stature(file: Path, metadata: dict[str, Any]) -> float | None:
     stature_m = metadata.get("stature_m")
     if stature_m is None:
         return None
-    if not isinstance(stature_m, int | float) or not 0.3 < stature_m < 3.0:
+    is_number = isinstance(stature_m, int | float) and not isinstance(stature_m, bool)
+    if not is_number or not 0.3 < stature_m < 3.0:
         raise InputError(
             f"stature_m = {stature_m!r} in {file.with_suffix('.toml').name} should be a number of "
             "metres between 0.3 and 3"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+import unicodedata
 
 import pytest
 
@@ -243,7 +244,29 @@ def test_bad_metadata_are_said(inbox, text, message):
         read_metadata(file)
 
 
-@pytest.mark.parametrize("stature", ['"tall"', "17", "-1.6", "nan"])
+def test_metadata_may_begin_with_a_byte_order_mark(archive, inbox):
+    file = inbox / "day1/walk.bvh"
+    text = '[take]\ntitle = "春の海"\nstature_m = 1.55\n'
+    file.with_suffix(".toml").write_text(text, encoding="utf-8-sig")
+    [recording] = plan(archive, file).recordings
+    assert (recording.metadata, recording.stature_m) == ({"title": "春の海"}, 1.55)
+
+
+def test_metadata_that_are_not_utf_8_are_refused_naming_their_encoding(inbox):
+    file = inbox / "day1/walk.bvh"
+    file.with_suffix(".toml").write_text('[take]\ntitle = "春の海"\n', encoding="cp932")
+    with pytest.raises(InputError, match=r"not in UTF-8 but looks like cp932 .*save it as UTF-8"):
+        read_metadata(file)
+
+
+@pytest.mark.parametrize("forms", [("NFC", "NFD"), ("NFD", "NFC")])
+def test_metadata_are_found_by_a_name_composed_in_another_way(inbox, forms):
+    motion, beside = (unicodedata.normalize(form, "ガメラ") for form in forms)
+    (inbox / f"{beside}.toml").write_text('[take]\nperformer = "TK"\n')
+    assert read_metadata(inbox / f"{motion}.bvh") == {"performer": "TK"}
+
+
+@pytest.mark.parametrize("stature", ['"tall"', "17", "-1.6", "nan", "true"])
 def test_an_impossible_stature_is_refused(archive, inbox, stature):
     file = inbox / "day1/walk.bvh"
     file.with_suffix(".toml").write_text(f"[take]\nstature_m = {stature}\n")

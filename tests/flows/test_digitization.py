@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from storage import open_archive
+from storage.arrays.groups import open_group
 from storage.formats.capture.capture import read_capture
 from storage.places import list_files
-from storage.publication import collect_garbage, verify_take
+from storage.publication import collect_garbage, verify_take, version_folder
 from storage.schema import JOINTS
 from tasks.capture import films as capture_films
 from tasks.exporting.voxels import export_initial
@@ -157,7 +158,10 @@ def test_settings_of_the_capture_and_of_the_run_are_used_kept_and_told(posed, tm
         "pose_fitting.method": "paper",
         "joint_tracks.radius": 0.06,
     }
-    assert take.silhouettes.attrs["provenance"]["settings"]["rule"] == "crcb"
+    silhouettes = open_group(
+        open_archive(archive).place, version_folder("posed", take.record.version), "silhouettes"
+    )
+    assert silhouettes.attrs["provenance"]["settings"]["rule"] == "crcb"
     assert take.pose.attrs["provenance"]["settings"]["method"] == "paper"
     assert take.motion.attrs["provenance"]["settings"]["radius"] == 0.06
     assert ingest_archive(archive, [str(folder)], settings=given)[0].status == "unchanged"

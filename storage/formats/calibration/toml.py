@@ -5,7 +5,6 @@ Rodrigues vector), `translation`, `fisheye`. Ours says `unit` and `up` under [me
 """
 
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from storage.formats.calibration.parts import (
 )
 from storage.formats.motion.writing import write_beside
 from storage.formats.reading import METERS, listed
+from storage.formats.toml_text import parse_toml
 
 _WANTED = "a table a camera with size, matrix, distortions, rotation and translation"
 
@@ -33,10 +33,7 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     InputError
         It is not TOML, has no camera, or a camera's numbers cannot be used.
     """
-    try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    tables = parse_toml(path, text, _WANTED)
     metadata = tables.pop("metadata", {})
     found = {name: table for name, table in tables.items() if isinstance(table, dict)}
     if not any("matrix" in table for table in found.values()):
@@ -85,9 +82,9 @@ def _stated(metadata: dict[str, Any]) -> tuple[list[str], float | None, str | No
     """Return the faults, the unit and the axis that [metadata] names."""
     faults = []
     unit, up = metadata.get("unit"), metadata.get("up")
-    if unit is not None and unit not in METERS:
+    if unit is not None and not (isinstance(unit, str) and unit in METERS):
         faults.append(f"the unit {as_shown(unit)} is not known; write m, cm or mm")
-    if up is not None and up not in Y_UP_FROM:
+    if up is not None and not (isinstance(up, str) and up in Y_UP_FROM):
         faults.append(f"up = {as_shown(up)} is no axis; write one of {', '.join(Y_UP_FROM)}")
     return faults, None if faults or unit is None else METERS[unit], up
 

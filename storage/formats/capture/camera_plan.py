@@ -12,16 +12,17 @@ size_px = [1280, 720]          # columns, rows
 """
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from storage.errors import InputError
+from storage.files import check_regular
 from storage.formats.calibration.camera import Camera
 from storage.formats.calibration.reading import read_calibration
 from storage.formats.capture.capture_toml import Volume
+from storage.formats.toml_text import read_toml
 
 USUAL_VOLUME = Volume((0.0, 1.0, 0.0), (2.0, 2.0, 2.0), 0.01)
 
@@ -68,11 +69,10 @@ def _tables(path: Path) -> dict[str, Any]:
     if path.suffix.lower() != ".toml":
         return {}
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        check_regular(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not TOML: {error}") from error
+    return read_toml(path, "tables `camera`, or a calibration")
 
 
 def _volume(table: Any, faults: list[str]) -> Volume:

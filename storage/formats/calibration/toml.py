@@ -24,6 +24,9 @@ from storage.formats.toml_text import parse_toml
 
 _WANTED = "a table a camera with size, matrix, distortions, rotation and translation"
 
+_CAMERA_KEYS = {"matrix", "distortions", "rotation", "translation"}
+"""A table with one of them is a camera, whole or not; one with none of them is something else."""
+
 
 def read_toml_calibration(path: Path, text: str) -> Calibration:
     """Read the cameras of a TOML file, in the order of its tables.
@@ -35,7 +38,11 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     """
     tables = parse_toml(path, text, _WANTED)
     metadata = tables.pop("metadata", {})
-    found = {name: table for name, table in tables.items() if isinstance(table, dict)}
+    found = {
+        name: table
+        for name, table in tables.items()
+        if isinstance(table, dict) and not _CAMERA_KEYS.isdisjoint(table)
+    }
     if not any("matrix" in table for table in found.values()):
         names = listed([*tables]) if tables else "nothing"
         raise InputError(f"{path} has no camera: found are {names}; wanted is {_WANTED}")
@@ -48,7 +55,11 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     ]
     if faults:
         refuse(path, faults)
-    return Calibration(build_cameras(path, map(_parts, found, found.values())), unit_m, up)
+    others = [name for name, table in tables.items() if isinstance(table, dict | list)]
+    others = [name for name in others if name not in found]
+    notes = [f"The calibration has {listed(others)}, which is no camera: passed over."]
+    cameras = build_cameras(path, map(_parts, found, found.values()))
+    return Calibration(cameras, unit_m, up, notes=notes if others else [])
 
 
 def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:

@@ -73,9 +73,10 @@ def read_toml(path: Path, wanted: str, *, most: int = _MOST_BYTES) -> dict[str, 
 
 def parse_toml(path: Path, text: str, wanted: str) -> dict[str, Any]:
     """Return the tables of a TOML text; raises as `read_toml`."""
-    fault = _depth_fault(text)
     if len(text) > _MOST_BYTES:
         fault = f"it has {len(text):,} letters, at most {_MOST_BYTES:,} are read"
+    else:
+        fault = _depth_fault(text)
     if fault:
         raise InputError(f"{path} cannot be used: {fault}; bring {wanted}")
     try:

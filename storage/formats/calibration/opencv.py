@@ -43,6 +43,8 @@ _WANTED = (
     "or a table a camera, or with the camera's name behind each, as in K_cam1"
 )
 
+_LONGEST_NAME = 200
+"""How many letters a name has that is looked into. Chosen: more than any file's name may have."""
 _MOST_NAMES = 64
 """How many names of a file are listed. Chosen: more than a file of one camera has."""
 
@@ -129,7 +131,8 @@ def cameras_in(entries: dict[str, Any], stem: str) -> dict[str, Fields]:
 
 def _pose_faults(stem: str, cameras: dict[str, Fields], entries: dict[str, Any]) -> list[str]:
     """Return which cameras of a file have no rotation or translation, and the names there are."""
-    faults = []
+    faults: list[str] = []
+    names = _all_names(entries)
     for name, fields in cameras.items():
         if "pose" in fields:
             continue
@@ -138,7 +141,7 @@ def _pose_faults(stem: str, cameras: dict[str, Fields], entries: dict[str, Any])
         if lacking:
             faults.append(
                 f"in {stem} camera {name!r} has no {' and no '.join(lacking)} under a usual name: "
-                f"found are {_all_names(entries)}; wanted are {_WANTED}"
+                f"found are {names}; wanted are {_WANTED}"
             )
     return faults
 
@@ -177,6 +180,8 @@ def _by_suffix(entries: dict[str, Any], names: list[str]) -> dict[str, Fields]:
     """Return the fields of each camera whose name stands behind its keys."""
     groups: dict[str, dict[str, Any]] = {}
     for key, value in entries.items():
+        if len(key) > _LONGEST_NAME:
+            continue
         ends = [at for at, letter in enumerate(key) if letter == "_" and 0 < at < len(key) - 1]
         for at in reversed(ends):
             head, name = key[:at], key[at + 1 :]

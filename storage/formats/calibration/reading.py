@@ -39,7 +39,7 @@ WANTED = (
     "calibration.txt, or a folder of 3x4 projection matrices"
 )
 SUFFIXES = (".toml", ".yml", ".yaml", ".xml", ".txt", ".json", ".dat", ".cal")
-_MOST_BYTES = 1 << 23
+_MOST_BYTES = 1 << 22
 """Longest file of a calibration [bytes]. A thousand cameras have a few million, of any format."""
 _MOST_BYTES_OF_IMAGES = 1 << 27
 """Longest images.txt of COLMAP [bytes]. It has a line with all points of each image."""

@@ -117,7 +117,7 @@ def test_a_thousand_cameras_are_read_and_more_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"has [\d,]+ letters, at most 2,097,152 are read"):
         read_calibration(tmp_path / "a.toml")
     (tmp_path / "a.yml").write_bytes(b"#" * (1 << 24))
-    with pytest.raises(InputError, match="is longer than 8,388,608 bytes"):
+    with pytest.raises(InputError, match="is longer than 4,194,304 bytes"):
         read_calibration(tmp_path / "a.yml")
 
 

@@ -123,6 +123,7 @@ def test_pictures_are_not_written_into_the_capture(capture, capsys):
     assert not (capture / "checks").exists()
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_the_table_comes_anyway(capture, capsys, tmp_path):
     (tmp_path / "sway-doctor").write_text("in the way, as a disk that is only read would be")
     assert main(["doctor", str(capture)]) == 0
@@ -136,6 +137,7 @@ def test_where_nothing_can_be_written_the_table_comes_anyway(capture, capsys, tm
     assert "ok" in capsys.readouterr().out.splitlines()
 
 
+@pytest.mark.slow
 def test_captures_of_one_name_have_folders_of_their_own(capture, capsys, tmp_path):
     other = tmp_path / "other" / "Sway"
     shutil.copytree(capture, other)

@@ -20,7 +20,8 @@ import obstore
 from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
 
-from storage.errors import InputError, PlaceError
+from storage.errors import ArchiveError, InputError, PlaceError
+from storage.files import NotRegularError, check_regular, read_regular
 
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
@@ -82,10 +83,18 @@ def open_place(location: str | os.PathLike[str], *, make: bool = False) -> Place
 
 
 def read_file(place: Place, path: str) -> bytes:
-    """Return the bytes of the file at `path`; FileNotFoundError where there is none."""
+    """Return the bytes of the file at `path`; FileNotFoundError where there is none.
+
+    Raises
+    ------
+    ArchiveError
+        It is a pipe, a socket or a device.
+    PlaceError
+        It cannot be read.
+    """
     with told(f"read {place.url(path)}"):
         if place.folder:
-            return (place.folder / path).read_bytes()
+            return read_regular(place.folder / path)
         return bytes(obstore.get(place.store, path).bytes())
 
 
@@ -173,11 +182,19 @@ def sync_files(place: Place, paths: Sequence[str]) -> None:
 
 
 def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
-    """Return the folder as a store that Zarr opens."""
+    """Return the folder as a store that Zarr opens.
+
+    Raises
+    ------
+    ArchiveError
+        It is to be read, and holds a pipe, a socket or a device.
+    """
     from zarr.storage import ObjectStore as ZarrObjectStore
 
     if place.folder:
         with told(f"write {place.url(folder)}"):
+            if read_only:
+                _check_below(place.folder / folder)
             inside = LocalStore(place.folder / folder, mkdir=not read_only)
         return ZarrObjectStore(inside, read_only=read_only)
     inside = from_url(place.url(folder), retry_config=_RETRY)
@@ -188,12 +205,17 @@ def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
 def told(action: str) -> Iterator[None]:
     """Turn a fault of the disk or object store into a PlaceError of one sentence.
 
-    A missing file stays FileNotFoundError.
+    A missing file stays FileNotFoundError; a pipe in a file's place is an ArchiveError.
     """
     try:
         yield
     except (FileNotFoundError, PlaceError):
         raise
+    except NotRegularError as error:
+        raise ArchiveError(
+            f"{error.filename} is no regular file, but {error.kind}; remove it, then see what "
+            "`shosa verify` says"
+        ) from error
     except (OSError, BaseError) as error:
         raise PlaceError(f"cannot {action}: {_reason(error)}") from error
 
@@ -251,6 +273,14 @@ def _walk(root: Path, folder: str) -> Iterator[StoredFile]:
                 continue
             modified = datetime.fromtimestamp(status.st_mtime, tz=UTC)
             yield StoredFile(path.relative_to(root).as_posix(), status.st_size, modified)
+
+
+def _check_below(folder: Path) -> None:
+    """Refuse a folder that holds what would hang its reader."""
+    for above, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                check_regular(Path(above, name))
 
 
 def _sync(path: Path) -> None:

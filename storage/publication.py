@@ -110,7 +110,7 @@ def publish_record(place: Place, record: Record) -> None:
     """
     folder = version_folder(record.take, record.version)
     sync_files(place, [f"{folder}/{name}" for name in record.files])
-    content = json.dumps(asdict(record), indent=1, ensure_ascii=False).encode()
+    content = json.dumps(asdict(record), indent=1, ensure_ascii=False, allow_nan=False).encode()
     if not create_file(place, _record_path(record.take, record.number), content):
         raise ConflictError(
             f"another run published version {record.number} of take {record.take!r} in the "

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import ArchiveError
-from storage.places import Place, read_file, write_file
+from storage.files import check_regular
+from storage.places import Place, read_file, told, write_file
 from storage.provenance import digest_bytes
 
 PACKING = 1
@@ -47,6 +48,8 @@ def open_search_array(place: Place, take: str, version: str) -> NDArray[np.float
     path = search_array_path(take, version)
     try:
         if place.folder:
+            with told(f"read {place.url(path)}"):
+                check_regular(place.folder / path)
             rows = np.load(place.folder / path, mmap_mode="r", allow_pickle=False)
         else:
             content = io.BytesIO(read_file(place, path))

@@ -1,6 +1,7 @@
 """What every reader of motion files checks in the same way, and the words it says it with."""
 
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import NotRegularError, open_regular
 from storage.formats.encodings import find_encoding, normalized
 
 METERS = {
@@ -47,10 +49,18 @@ _MOST_FRAMES = 0.95
 """The share of frames in which it does. Chosen: a body that only passes the origin does not."""
 
 
-def read_bytes(path: Path, wanted: str) -> bytes:
-    """Return what the file holds, or say why it cannot be read or that it is empty."""
+def read_bytes(path: Path, wanted: str, *, most: int | None = None) -> bytes:
+    """Return what a regular file of at most so many bytes holds, or say why it cannot be read."""
     try:
-        data = path.read_bytes()
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if most is not None and size > most:
+                raise InputError(f"{path} is longer than {most:,} bytes; bring {wanted}")
+            data = file.read()
+    except InputError:
+        raise
+    except NotRegularError as error:
+        raise InputError(f"{path} is no regular file, but {error.kind}; bring {wanted}") from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path} cannot be read ({reason}); bring {wanted}") from error

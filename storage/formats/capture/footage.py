@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, quiet_cv2, read_frames
-from storage.formats.reading import read_bytes
-
-_WANTED = "a picture as PNG or JPEG"
+from storage.files import NotRegularError, check_regular
+from storage.formats.pictures.decoding import decode_picture
+from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_frames
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,10 @@ def look_at_footage(path: Path) -> Footage:
     InputError
         It cannot be opened or decoded, holds no frame, or its frames do not follow each other.
     """
+    try:
+        check_regular(path)
+    except NotRegularError as error:
+        raise InputError(f"{path} is no regular file, but {error.kind}; bring the file") from error
     if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
         rows, columns, _ = read_picture(path).shape
         return Footage(path, (columns, rows), 1, None)
@@ -58,8 +61,4 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
     """
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         return read_frames(open_video(path), 0, 1)[0]
-    cv2 = quiet_cv2()
-    picture = cv2.imdecode(np.frombuffer(read_bytes(path, _WANTED), np.uint8), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {_WANTED}")
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+    return decode_picture(path)

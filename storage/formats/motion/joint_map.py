@@ -3,13 +3,12 @@
 A line a joint: `RHip = "RH"`, or `RHip = ["RASI", "RPSI"]` for the middle of markers.
 """
 
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 
 from storage.errors import InputError
 from storage.formats.encodings import normalized
-from storage.formats.reading import decode_toml, read_bytes
+from storage.formats.toml_text import read_toml
 from storage.schema import JOINTS
 
 JointMap = tuple[tuple[str, tuple[str, ...]], ...]
@@ -26,11 +25,7 @@ def read_joint_map(path: Path) -> JointMap:
         The file cannot be read, is not TOML, names no joint, or names joints that there are
         not or markers that are no names; all such lines are said at once.
     """
-    text = decode_toml(path, read_bytes(path, _WANTED))
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # of which TOMLDecodeError is one
-        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    table = read_toml(path, _WANTED)
     faults = [fault for joint, value in table.items() for fault in _faults(joint, value)]
     if not table:
         faults.append("no joint is named")

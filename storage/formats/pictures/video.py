@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import open_regular
+from storage.formats.pictures.decoding import decode_picture
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -74,7 +76,7 @@ def open_video(path: str | Path) -> Video:
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         raise InputError(f"{path} is not a film that can be read; bring {_WANTED}")
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(8)
             about = os.fstat(file.fileno())
     except OSError as error:
@@ -309,15 +311,12 @@ def _open_folder(path: Path) -> Video:
 
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:
-    cv2 = quiet_cv2()
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
-    except (OSError, cv2.error):
-        image = None
-    if image is None:
-        raise InputError(f"{path} is not a picture that can be read; write it again as PNG or JPEG")
-    return image
+        return decode_picture(path)
+    except InputError as error:
+        raise InputError(
+            f"{path} is not a picture that can be read; write it again as PNG or JPEG ({error})"
+        ) from error
 
 
 def _frames_from(video: Video, start: int, end: int) -> Generator[NDArray[np.uint8], None, None]:

@@ -17,7 +17,14 @@ from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.calibration.reading import load_calibration, place_cameras
 from storage.formats.capture.capture_toml import MARK, Volume, read_capture_toml
-from storage.formats.capture.footage import Footage, look_at_footage
+from storage.formats.capture.footage import (
+    Footage,
+    by_px,
+    footage_notes,
+    look_at_footage,
+    why_other_background,
+    why_unequal,
+)
 from storage.formats.capture.initial import read_initial
 from storage.formats.pictures.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from storage.formats.reading import listed
@@ -82,6 +89,7 @@ def read_capture(folder: Path) -> Capture:
     cameras, unit_m = _cameras(path, said.up, said.unit_m, volume, faults, notes)
     videos = _match("video", folder / "videos", cameras, faults, notes)
     backgrounds = _match("background", folder / "background", cameras, faults, notes)
+    notes += footage_notes({"video": videos, "background": backgrounds})
     cameras = [_sized(camera, videos, faults, notes) for camera in cameras]
     faults += _size_faults(cameras, videos, backgrounds)
     fps = _rate(said.fps, videos, faults, notes)
@@ -190,6 +198,7 @@ def _match(
         faults.append(f"there is no folder `{folder.name}` with a {what} a camera")
         return {}
     files: dict[str, list[Path]] = {}
+    strange = []
     for path in sorted(folder.iterdir()):
         is_video = path.suffix.lower() in VIDEO_SUFFIXES
         is_picture = path.suffix.lower() in PICTURE_SUFFIXES and what == "background"
@@ -197,21 +206,23 @@ def _match(
             files.setdefault(path.name, []).append(path)
         elif (is_video or is_picture) and not path.name.startswith("."):
             files.setdefault(path.stem, []).append(path)
+        elif not path.name.startswith("."):
+            strange.append(path.name)
     names = [camera.name for camera in cameras]
     missing = [name for name in names if name not in files]
     others = [name for name in files if name not in names]
     if missing:
         rest = f"; {listed(others)} belongs to no camera of the calibration" if others else ""
+        if strange:
+            kinds = VIDEO_SUFFIXES + (PICTURE_SUFFIXES if what == "background" else ())
+            rest += f"; {listed(strange)} is of no kind that is read ({', '.join(kinds)})"
         faults.append(
             f"camera {listed(missing)} has no {what} in `{folder.name}`{rest}: name each file as "
             "its camera is called in the calibration"
         )
     elif others and cameras:
         notes.append(f"The {what} of {listed(others)} has no calibration: left out.")
-    found = _look(what, files, names, faults)
-    for name, footage in found.items():
-        notes += [f"The {what} of {name!r}: {note}" for note in footage.notes]
-    return found
+    return _look(what, files, names, faults)
 
 
 def _look(
@@ -249,9 +260,9 @@ def _sized(
     column, row = camera.intrinsics[:2, 2]
     if not (0 < column < size[0] and 0 < row < size[1]):
         faults.append(
-            f"camera {camera.name!r}: its video is {_by(size)}, but the calibration has the middle "
-            f"of the image at {column:.0f}, {row:.0f}: it was made for another image size, or the "
-            "video is turned"
+            f"camera {camera.name!r}: its video is {by_px(size)}, but the calibration has the "
+            f"middle of the image at {column:.0f}, {row:.0f}: it was made for another image size, "
+            "or the video is turned"
         )
     return replace(camera, size=size)
 
@@ -264,36 +275,18 @@ def _size_faults(
     for camera in cameras:
         video, background = videos.get(camera.name), backgrounds.get(camera.name)
         if video and camera.size and video.size != camera.size:
-            why = _why_unequal(video, camera.size)
+            why = why_unequal(video, camera.size)
             faults.append(
-                f"camera {camera.name!r}: its video is {_by(video.size)}, its calibration was made "
-                f"for {_by(camera.size)}: {why}"
+                f"camera {camera.name!r}: its video is {by_px(video.size)}, its calibration was "
+                f"made for {by_px(camera.size)}: {why}"
             )
         agreed = background is None or background.size in (video and video.size, camera.size)
         if video and background and not agreed:
             faults.append(
-                f"camera {camera.name!r}: its background is {_by(background.size)}, its video "
-                f"{_by(video.size)}; film the background with the same settings"
+                f"camera {camera.name!r}: its background is {by_px(background.size)}, its video "
+                f"{by_px(video.size)}; {why_other_background(video, background)}"
             )
     return faults
-
-
-def _why_unequal(video: Footage, wanted: tuple[int, int]) -> str:
-    """Return what probably happened to an image of another size."""
-    (width, height), (columns, rows) = video.size, wanted
-    if (width, height) == (rows, columns):
-        how = "".join(f" ({note})" for note in video.notes)
-        return f"the video is turned (portrait){how}; turn it back, or calibrate the turned image"
-    if abs(width / columns - height / rows) * max(columns, rows) <= 1.0:
-        return (
-            f"the video is scaled by {width / columns:.3g}; scale the calibration with it, or "
-            "bring the video as it was filmed"
-        )
-    return "of another shape, so one of them was cut; bring both for the same image"
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
 
 
 def _rate(

@@ -4,16 +4,19 @@ PyAV is used, because OpenCV tells neither that a frame is interlaced nor that i
 gives black or left-over memory for the one and made-up pictures for the other.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
+from zlib import crc32
 
 import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError, InvalidDataError
+from av.packet import Packet
 from av.stream import Disposition
 from av.video.format import VideoFormat
 from av.video.frame import VideoFrame
@@ -87,26 +90,39 @@ def _kinds(container: InputContainer) -> str:
     return ", ".join(sorted({stream.type for stream in container.streams})) or "nothing"
 
 
-def read_packets(container: InputContainer, stream: VideoStream) -> list[tuple[int | None, bool]]:
-    """Return date, and whether it is a key, of each frame that is shown, in the order of the file.
+@dataclass(frozen=True)
+class Key:
+    """A frame that needs no other to be decoded."""
+
+    frame: int
+    date: int
+    """In ticks of the film."""
+    checksum: int
+    """Of its packet: after a seek, containers without an index give dates to the wrong packets."""
+
+
+def read_packets(
+    container: InputContainer, stream: VideoStream
+) -> list[tuple[int | None, int | None]]:
+    """Return the date of each frame that is shown, and the checksum of keys, in the file's order.
 
     What an edit list hides is left out. Dates are in ticks of the film.
     """
     return [
-        (packet.pts, packet.is_keyframe)
+        (packet.pts, crc32(packet) if packet.is_keyframe else None)
         for packet in container.demux(stream)
         if packet.size and not packet.is_discard
     ]
 
 
-def decode(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
-    """Yield the frames from where the film is, in the order in which they are shown.
+def decode(packets: Iterable[Packet]) -> Iterator[VideoFrame]:
+    """Yield the frames of a film in the order in which they are shown.
 
     What comes before the first frame that can be decoded is left out: films that were cut out of
     others begin between key frames.
     """
     begun = False
-    for packet in container.demux(stream):
+    for packet in packets:
         try:
             frames = packet.decode()
         except InvalidDataError:
@@ -119,47 +135,64 @@ def decode(container: InputContainer, stream: VideoStream) -> Iterator[VideoFram
 
 
 def frames_from(
-    path: Path, dates: Sequence[int], keys: Sequence[int], start: int
+    path: Path, dates: Sequence[int], keys: Sequence[Key], start: int
 ) -> Generator[tuple[int, VideoFrame], None, None]:
-    """Yield numbered frames of a film, from `start` or from before it; their dates are not checked.
+    """Yield numbered frames of a film, from `start` or from before it.
 
     Parameters
     ----------
     path
         The film.
     dates
-        The date of each frame, in ticks of the film; unused without keys.
+        The date of each frame, in ticks of the film; empty where frames have none.
     keys
         The frames that can be sought. The last two up to `start` are tried, and one is believed
-        if the frame that is decoded carries its date. Without one the film is read from its
-        beginning.
+        if its packet and the frame decoded are those of its date. Without one, and from where a
+        frame does not carry its date, the film is read from its beginning. Dates of what is read
+        from the beginning are not checked.
     start
         The frame that is wanted.
     """
-    for key in sorted((key for key in keys if 0 < key <= start), reverse=True)[:2]:
+    for key in [key for key in reversed(keys) if 0 < key.frame <= start][:2]:
+        at = key.frame
         with film(path) as (container, stream):
-            frames = _from_date(container, stream, dates[key])
-            first = next(frames, None)
-            if first is not None:
-                yield key, first
-                yield from enumerate(frames, key + 1)
-                return
+            for frame in _from_key(container, stream, key):
+                if at == len(dates) or frame.pts != dates[at]:
+                    break
+                yield at, frame
+                at += 1
+        if at > key.frame:
+            break
+    else:
+        at = 0
+    if dates and at == len(dates):
+        return
     with film(path) as (container, stream):
-        yield from enumerate(decode(container, stream))
+        for n, frame in enumerate(decode(container.demux(stream))):
+            if n >= at:
+                yield n, frame
 
 
-def _from_date(container: InputContainer, stream: VideoStream, date: int) -> Iterator[VideoFrame]:
-    """Yield the frames from a key frame's date on; none where it is not met."""
+def _from_key(container: InputContainer, stream: VideoStream, key: Key) -> Iterator[VideoFrame]:
+    """Yield the frames from a key frame on; none where it is not met."""
     try:
-        container.seek(date, stream=stream)
-        frames = decode(container, stream)
+        container.seek(key.date, stream=stream)
+        frames = decode(_only_with(container.demux(stream), key))
         # frames that are shown before a key frame may need what lies before it
-        first = next((frame for frame in frames if frame.pts is None or frame.pts >= date), None)
+        first = next((frame for frame in frames if (frame.pts or 0) >= key.date), None)
     except FAULTS:
         return
-    if first is not None and first.pts == date and not first.is_corrupt:
+    if first is not None and not first.is_corrupt:
         yield first
         yield from frames
+
+
+def _only_with(packets: Iterable[Packet], key: Key) -> Iterator[Packet]:
+    """Yield packets, up to one with the date of a key frame that is another packet."""
+    for packet in packets:
+        if packet.pts == key.date and crc32(packet) != key.checksum:
+            return
+        yield packet
 
 
 class RgbReader:
@@ -171,6 +204,8 @@ class RgbReader:
 
     def __call__(self, frame: VideoFrame) -> NDArray[np.uint8]:
         """Return (row, column, 3) RGB, as the film holds it, not turned."""
+        if frame.height % 2:  # FFmpeg's paths for odd rows differ; this one is OpenCV's
+            return self._convert(frame, "bgr24")[..., ::-1]
         return self._convert(frame, "rgb24")
 
     def brightness(self, frame: VideoFrame) -> NDArray[np.uint8]:

@@ -18,6 +18,7 @@ from storage.errors import InputError
 from storage.formats.pictures.combing import EVEN_FIRST, measure_leans, order_of_fields
 from storage.formats.pictures.film_decoding import (
     FAULTS,
+    Key,
     RgbReader,
     cannot_be_opened,
     decode,
@@ -62,7 +63,7 @@ _LOOKED_AT = 120
 Four seconds in all; a film that says so is read until enough has moved."""
 
 _FROM_THE_BEGINNING = (
-    "Its file does not say when each frame is shown, so every part is read from the beginning: the "
+    "The file does not say when each frame is shown, so every part is read from the beginning: the "
     "frames are right, but a long film takes longer; converted to MP4 it would not."
 )
 
@@ -76,7 +77,7 @@ class FilmFacts:
     rate_hz: float
     notes: tuple[str, ...]
     dates: tuple[int, ...]
-    keys: tuple[int, ...]
+    keys: tuple[Key, ...]
     quarter_turns: int
     fields: str
     pixel_aspect: float
@@ -106,20 +107,30 @@ def look_through(path: Path) -> FilmFacts:
             raise cannot_be_opened(path) from error
     first, shown = _look_at_frames(path, packets)
     times_us = np.array([date or 0 for date in shown], np.float64) * tick_s * 1e6
-    in_packets = sorted((date, key) for date, key in packets if date is not None)
+    in_packets = sorted(
+        ((date, checksum) for date, checksum in packets if date is not None), key=_date
+    )
     dates: tuple[int, ...] = ()
-    keys: tuple[int, ...] = ()
+    keys: tuple[Key, ...] = ()
     notes = []
     if shown == [date for date, _ in in_packets]:
         _check_even(path, times_us)
         dates = tuple(date for date, _ in in_packets)
-        keys = tuple(n for n, (_, key) in enumerate(in_packets) if key)
+        keys = tuple(
+            Key(n, date, checksum)
+            for n, (date, checksum) in enumerate(in_packets)
+            if checksum is not None
+        )
     else:
         notes.append(_FROM_THE_BEGINNING)
         found = [date for date in shown if date is not None]
         if found == shown and all(a < b for a, b in pairwise(found)):
+            _check_even(path, times_us)
             dates = tuple(found)
+            notes += _lost(sum(date < dates[0] for date, _ in in_packets))
     fields = order_of_fields(_leans(path, dates, keys, flagged=first.interlaced_frame))
+    if abs(aspect - 1.0) <= _SQUARE:
+        aspect = 1.0
     turned = first.rotation if first.rotation % 90 == 0 else 0
     size = (first.height, first.width)
     if turned % 180:
@@ -131,8 +142,12 @@ def look_through(path: Path) -> FilmFacts:
     )
 
 
+def _date(packet: tuple[int, int | None]) -> int:
+    return packet[0]
+
+
 def _look_at_frames(
-    path: Path, packets: Sequence[tuple[int | None, bool]]
+    path: Path, packets: Sequence[tuple[int | None, int | None]]
 ) -> tuple[VideoFrame, list[int | None]]:
     """Return the first frame, and the date of each in the order in which they are shown.
 
@@ -144,7 +159,7 @@ def _look_at_frames(
     shown: list[int | None] = []
     with film(path) as (container, stream):
         try:
-            for frame in decode(container, stream):
+            for frame in decode(container.demux(stream)):
                 first = first or frame
                 shown.append(frame.pts)
                 # where frames change places and the dates of packets do not, packets were counted
@@ -157,6 +172,15 @@ def _look_at_frames(
         raise _cannot_be_decoded(path, 0)
     # frames that are lacking at the end are missed when they are read
     return first, [*known] if _begin(shown, known, dates) else shown
+
+
+def _lost(frames: int) -> Iterator[str]:
+    """Say how many frames at the beginning of a film cannot be decoded."""
+    if frames:
+        yield (
+            f"The first {frames} frames need others that the file does not hold, and are left out: "
+            "it was cut out of a longer film. Look whether it still begins with the others."
+        )
 
 
 def _begin(shown: Sequence[int | None], known: Sequence[int], dates: Sequence[int | None]) -> bool:
@@ -204,12 +228,12 @@ def _rate(path: Path, said: Sequence[Fraction | None], times_us: NDArray[np.floa
     return rate_hz
 
 
-def _leans(path: Path, dates: Sequence[int], keys: Sequence[int], *, flagged: bool) -> list[float]:
+def _leans(path: Path, dates: Sequence[int], keys: Sequence[Key], *, flagged: bool) -> list[float]:
     """Return what tells whether a film is combed, from places all over it."""
     places = [0]
     if len(keys) > 1 and not flagged:
         chosen = np.linspace(0, len(keys) - 1, min(_PLACES, len(keys)))
-        places = [keys[n] for n in chosen.round().astype(int)]
+        places = [keys[n].frame for n in chosen.round().astype(int)]
     frames = None if flagged else _LOOKED_AT // len(places)
     pairs = -(-_PAIRS // len(places))
     leans = []
@@ -239,22 +263,22 @@ def _notes(
             f"The film says that the camera was held turned by {degrees} degrees; it is read "
             f"upright, {columns} x {rows}."
         )
-    if abs(aspect - 1.0) > _SQUARE:
+    if aspect != 1.0:
         yield (
-            f"Its pixels are {aspect:.4g} times as wide as high: it is read as it is stored, "
+            f"Pixels are {aspect:.4g} times as wide as high: the film is read as it is stored, "
             f"{columns} x {rows}, where players show {round(columns * aspect)} x {rows}; the "
             "calibration has to be of pictures as they are stored."
         )
     if fields:
         first = "even" if fields == EVEN_FIRST else "odd"
         yield (
-            "It is interlaced: each frame holds two moments, in even and in odd lines. Each is "
+            "The film is interlaced: each frame holds two moments, in even and in odd lines. It is "
             f"read as one whole picture of the earlier moment (that of the {first} lines, counted "
-            "from 0), so frames and rate stay those of the film, as for cameras that film whole "
-            "frames."
+            "from 0), so that frames and rate stay those of the film, as for cameras that film "
+            "whole frames."
         )
     elif flagged:
         yield (
-            "It says that it is interlaced, but no frame that moves holds two moments: it is read "
-            "as it is."
+            "The film says that it is interlaced, but no frame that moves holds two moments: it is "
+            "read as it is."
         )

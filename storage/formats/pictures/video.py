@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.pictures.combing import mended
-from storage.formats.pictures.film_decoding import FAULTS, RgbReader, frames_from
+from storage.formats.pictures.film_decoding import FAULTS, Key, RgbReader, frames_from
 from storage.formats.pictures.film_facts import look_through
 
 VIDEO_SUFFIXES = (
@@ -54,7 +54,7 @@ class Video:
     dates: tuple[int, ...]
     """The date of each frame in ticks of the film; empty for a folder, and where no frame has
     one that can be believed."""
-    keys: tuple[int, ...]
+    keys: tuple[Key, ...]
     """The frames that need no other to be decoded, ascending; empty where each part is read
     from the beginning."""
     pictures: tuple[Path, ...] = ()

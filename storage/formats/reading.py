@@ -172,14 +172,14 @@ def without_zeros(
     some = zero.any(axis=0) & ~always
     notes = []
     if some.any():
-        said = [f"{names[n]} {zero[:, n].sum()}" for n in np.flatnonzero(some)]
+        said = [f"{names[n]} {zero[:, n].sum()}" for n in np.flatnonzero(some).tolist()]
         more = f" and {len(said) - _MOST_SAID} more" if len(said) > _MOST_SAID else ""
         notes.append(
             f"{zero[:, some].sum()} positions are exactly 0, 0, 0 and were taken as missing "
             f"(frames of {', '.join(said[:_MOST_SAID])}{more})."
         )
     if always.any():
-        never = listed([names[n] for n in np.flatnonzero(always)])
+        never = listed([names[n] for n in np.flatnonzero(always).tolist()])
         notes.append(f"{never} are at 0, 0, 0 in every frame: taken as never seen.")
     return np.where(zero[..., None], np.nan, position), notes
 

@@ -26,7 +26,14 @@ from storage.formats.capture.capture_files import (
     unread_files,
 )
 from storage.formats.capture.capture_toml import MARK, CaptureSettings, Volume, read_capture_toml
-from storage.formats.capture.footage import Footage, look_at_footage
+from storage.formats.capture.footage import (
+    Footage,
+    by_px,
+    footage_notes,
+    look_at_footage,
+    why_other_background,
+    why_unequal,
+)
 from storage.formats.capture.initial import read_initial
 from storage.formats.reading import listed
 
@@ -90,6 +97,7 @@ def read_capture(folder: Path) -> Capture:
     found = _load_cameras(path, films or {}, faults)
     videos = _match("video", folder, films, found.cameras, faults, notes)
     backgrounds = _match("background", folder, pictures, found.cameras, faults, notes)
+    notes += footage_notes({"video": videos, "background": backgrounds})
     sized = [_sized(camera, videos, faults, notes) for camera in found.cameras]
     faults += _size_faults(sized, videos, backgrounds)
     cameras, unit_m = _place(path, replace(found, cameras=sized), said, faults, notes)
@@ -212,10 +220,7 @@ def _match(
         )
     elif others and cameras:
         notes.append(f"The {what} of {listed(others)} has no calibration: left out.")
-    found = _look(what, files, names, faults)
-    for name, footage in found.items():
-        notes += [f"The {what} of {name!r}: {note}" for note in footage.notes]
-    return found
+    return _look(what, files, names, faults)
 
 
 def _look(
@@ -253,9 +258,9 @@ def _sized(
     column, row = camera.intrinsics[:2, 2]
     if not (0 < column < size[0] and 0 < row < size[1]):
         faults.append(
-            f"camera {camera.name!r}: its video is {_by(size)}, but the calibration has the middle "
-            f"of the image at {column:.0f}, {row:.0f}: it was made for another image size, or the "
-            "video is turned"
+            f"camera {camera.name!r}: its video is {by_px(size)}, but the calibration has the "
+            f"middle of the image at {column:.0f}, {row:.0f}: it was made for another image size, "
+            "or the video is turned"
         )
     return replace(camera, size=size)
 
@@ -268,36 +273,18 @@ def _size_faults(
     for camera in cameras:
         video, background = videos.get(camera.name), backgrounds.get(camera.name)
         if video and camera.size and video.size != camera.size:
-            why = _why_unequal(video, camera.size)
+            why = why_unequal(video, camera.size)
             faults.append(
-                f"camera {camera.name!r}: its video is {_by(video.size)}, its calibration was made "
-                f"for {_by(camera.size)}: {why}"
+                f"camera {camera.name!r}: its video is {by_px(video.size)}, its calibration was "
+                f"made for {by_px(camera.size)}: {why}"
             )
         agreed = background is None or background.size in (video and video.size, camera.size)
         if video and background and not agreed:
             faults.append(
-                f"camera {camera.name!r}: its background is {_by(background.size)}, its video "
-                f"{_by(video.size)}; film the background with the same settings"
+                f"camera {camera.name!r}: its background is {by_px(background.size)}, its video "
+                f"{by_px(video.size)}; {why_other_background(video, background)}"
             )
     return faults
-
-
-def _why_unequal(video: Footage, wanted: tuple[int, int]) -> str:
-    """Return what probably happened to an image of another size."""
-    (width, height), (columns, rows) = video.size, wanted
-    if (width, height) == (rows, columns):
-        how = "".join(f" ({note})" for note in video.notes)
-        return f"the video is turned (portrait){how}; turn it back, or calibrate the turned image"
-    if abs(width / columns - height / rows) * max(columns, rows) <= 1.0:
-        return (
-            f"the video is scaled by {width / columns:.3g}; scale the calibration with it, or "
-            "bring the video as it was filmed"
-        )
-    return "of another shape, so one of them was cut; bring both for the same image"
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
 
 
 def _rate(

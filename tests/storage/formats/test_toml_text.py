@@ -58,7 +58,10 @@ def test_long_and_flat_texts_are_read(tmp_path, text):
         ("[t]\na = [1, {b = 9223372036854775808}]", "too many digits under 't.a.b'"),
         ("#" * (1 << 22), "is longer than 2,097,152 bytes"),
         (b"\xff\xfea\0=\0", "is not in UTF-8 but looks like UTF-16; save it as UTF-8"),
-        ("a = '所作'".encode("cp932"), r"is not in UTF-8 but looks like cp932 \(Japanese Windows\); save it as UTF-8"),
+        (
+            "a = '所作'".encode("cp932"),
+            r"is not in UTF-8 but looks like cp932 .Japanese Windows.; save it",
+        ),
         ("a = ", "is not TOML"),
     ],
 )

@@ -14,9 +14,10 @@ from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
 from storage.formats.capture.capture_toml import MARK, read_capture_toml
 from storage.formats.settings_toml import SETTINGS_FILE
-from storage.places import read_file, write_file
+from storage.places import write_file
 from storage.provenance import digest_file
-from storage.publication import Record, read_record
+from storage.publication import read_source
+from storage.records import Record, read_record
 
 
 @dataclass(frozen=True)
@@ -238,11 +239,8 @@ def _made_from(record: Record, file: Path, digest: str) -> bool:
 
 def _take_of_content(archive: Archive, digest: str) -> str | None:
     """Return the take that this content became, if the take still says so."""
-    try:
-        take = json.loads(read_file(archive.place, _source_path(digest)))["take"]
-    except (FileNotFoundError, ValueError, KeyError):
-        return None
-    record = read_record(archive.place, take)
+    take = read_source(archive.place, _source_path(digest))
+    record = read_record(archive.place, take) if take else None
     return take if record and record.source["digest"] == digest else None
 
 

@@ -53,6 +53,14 @@ class Take:
         """Where its Zarr group lives, inside the archive."""
         return version_folder(self.record.take, self.record.version)
 
+    def check_there(self) -> None:
+        """Raise an ArchiveError if its Zarr group is not there."""
+        if not list_names(self.place, self.folder):
+            raise ArchiveError(
+                f"take {self.name!r} should be in {self.path}, where nothing is; "
+                "put it back from a copy, or ingest the recording again"
+            )
+
     @property
     def motion(self) -> "xarray.Dataset":
         """`position (time, joint, space)` in metres and `filled (time, joint)`, read on use."""

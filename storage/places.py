@@ -67,7 +67,7 @@ def open_place(location: str | os.PathLike[str], *, make: bool = False) -> Place
     PlaceError
         If the directory is to be made and cannot be.
     """
-    location = os.fspath(location)
+    location = str(os.fspath(location))
     try:
         location.encode()
     except UnicodeEncodeError as error:

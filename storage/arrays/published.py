@@ -81,9 +81,20 @@ class PublishedFiles(Store):
         for name in sorted({each.split("/")[0] for each in below}):
             yield name
 
-    supports_writes = False
-    supports_deletes = False
-    supports_listing = True
+    @property
+    def supports_writes(self) -> bool:
+        """No: what is published is never changed."""
+        return False
+
+    @property
+    def supports_deletes(self) -> bool:
+        """No."""
+        return False
+
+    @property
+    def supports_listing(self) -> bool:
+        """Yes: by the record."""
+        return True
 
     async def set(self, key: str, value: Buffer) -> None:
         """Refuse: what is published is never changed."""

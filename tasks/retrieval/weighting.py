@@ -13,6 +13,9 @@ from tasks.engine.settings import Count, NotNegative, Positive
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.warping import STEPS
 
+_SMALLEST, _LARGEST = 1e-6, 1e6
+"""Between these a weight above zero has to be. Beyond them float32 loses the one or the other."""
+
 
 @dataclass(frozen=True)
 class SearchSettings:
@@ -64,16 +67,22 @@ def _faults(settings: SearchSettings, joints: Sequence[str]) -> Iterable[str]:
     for name, weight in settings.weights:
         if name not in joints:
             yield f"there is no joint {name!r}; {_nearest(name, joints)}"
-        if not 0 <= weight < math.inf:
-            yield f"the weight of {name} is {weight}; give a number from 0 up"
+        yield from _weight_faults(f"the weight of {name}", weight)
     if settings.steps not in STEPS:
         yield f"there are no steps {settings.steps!r}; {_nearest(settings.steps, STEPS)}"
-    if not 0 <= settings.path_weight < math.inf:
-        yield f"the path weight is {settings.path_weight}; give a number from 0 up"
+    yield from _weight_faults("the path weight", settings.path_weight)
     if settings.threshold is not None and not settings.threshold > 0:
         yield f"the threshold is {settings.threshold}; give a distance above 0"
     if settings.top < 1:
         yield f"the {settings.top} nearest matches are asked for; ask for 1 or more"
+
+
+def _weight_faults(what: str, weight: float) -> Iterable[str]:
+    """Yield what is wrong with a weight."""
+    if not 0 <= weight < math.inf:
+        yield f"{what} is {weight}; give a number from 0 up"
+    elif weight and not _SMALLEST <= weight <= _LARGEST:
+        yield f"{what} is {weight}; give 0, or a number from {_SMALLEST:g} to {_LARGEST:,.0f}"
 
 
 def _nearest(name: str, names: Sequence[str]) -> str:

@@ -335,11 +335,14 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_nothing_half_written(small_di
     assert open_archive(location).takes() == []
 
 
-def test_a_query_longer_than_every_take_can_hold_is_said(archive, capsys, tmp_path, write_walk):
+def test_a_query_longer_than_every_take_finds_nothing_and_says_why(
+    archive, capsys, tmp_path, write_walk
+):
     long = write_walk(tmp_path / "long.trc", frames=400)
-    code, _, err = run(capsys, "search", archive, long)
-    assert code == 3
-    assert re.search("none of the 4 takes can be compared .*too short", err)
+    code, out, err = run(capsys, "search", archive, long)
+    assert (code, out) == (0, "")
+    assert len(re.findall("^not compared: .*: it is too short", err, re.MULTILINE)) == 4
+    assert "0 matches in 0 takes; searched 0 takes" in err
 
 
 def test_an_archive_of_a_newer_format_is_said(archive, capsys):

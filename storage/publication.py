@@ -156,7 +156,7 @@ def kept_from_garbage(place: Place, *, lost: bool = False) -> list[str]:
     """Return what `collect_garbage` leaves alone and somebody should look at, a sentence each."""
     said = [
         f"{link} is a link: what is behind it was left alone"
-        for top in ("published", *_TOPS)
+        for top in ("published", *_TOPS, "sources")
         for link in list_links(place, top)
     ]
     for take in list_names(place, "published"):

@@ -66,7 +66,9 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     found: list[Path] = []
     faults: list[str] = []
     for path in map(Path, paths):
-        if path.is_dir():
+        if fault := _name_fault(path):
+            faults.append(fault)
+        elif path.is_dir():
             below = sorted(_recordings_below(path))
             found += below
             if not below:
@@ -94,12 +96,19 @@ def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
     claimed: dict[str, str] = {}
     digests: dict[str, str] = {}
     for path in paths:
+        if fault := _name_fault(path):
+            plan.refusals.append(Refusal(_shown(path), fault))
+            continue
         try:
             recording = (
                 _plan_capture(archive, path, digests, claimed)
                 if path.is_dir()
                 else _plan_file(archive, path, digests, claimed)
             )
+        except UnicodeEncodeError as error:  # of a file in a capture
+            fault = _name_fault(Path(error.object.split("\0")[0])) or str(error)
+            plan.refusals.append(Refusal(str(path), f"{path}: {fault}"))
+            continue
         except (InputError, OSError) as error:
             plan.refusals.append(Refusal(str(path), _sentence(path, error)))
             continue
@@ -190,6 +199,20 @@ def remember_source(archive: Archive, record: Record) -> None:
     """Write which take a content became, so that the same content is never taken in twice."""
     content = json.dumps({"take": record.take}).encode()
     write_file(archive.place, _source_path(record.source["digest"]), content)
+
+
+def _name_fault(path: Path) -> str | None:
+    """Say what is wrong with a name that is no text; records and other systems hold only texts."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return f"the name {_shown(path)!r} is not UTF-8; rename it"
+    return None
+
+
+def _shown(path: Path) -> str:
+    """Return a path with what is no text written as numbers."""
+    return str(path).encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def _recordings_below(folder: Path) -> list[Path]:

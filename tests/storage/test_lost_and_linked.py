@@ -197,7 +197,7 @@ def test_a_record_of_before_is_read_without_its_digest(archive, root):
 
 
 @pytest.mark.parametrize("harm", ["changed", "missing", "added", "zeros"])
-def test_a_damaged_chunk_is_never_read(archive, root, harm):
+def test_a_damaged_chunk_is_never_read(archive, harm):
     take = archive.take("okuri48")
     chunk = Path(take.path, "motion/position/c/0/0/0")
     data = bytearray(chunk.read_bytes())

@@ -67,31 +67,31 @@ def open_place(location: str | os.PathLike[str], *, make: bool = False) -> Place
     PlaceError
         If the directory is to be made and cannot be.
     """
-    location = str(os.fspath(location))
+    where = os.fspath(location)
     try:
-        location.encode()
+        where.encode()
     except UnicodeEncodeError as error:
         raise InputError(
-            f"the path {location!r} has a name that is not UTF-8; rename it, or give another place"
+            f"the path {where!r} has a name that is not UTF-8; rename it, or give another place"
         ) from error
-    if found := re.match(r"^([a-z][a-z0-9+]+):/", location, re.IGNORECASE):
-        location = found[1].lower() + location[len(found[1]) :]
-        if not location.startswith("://", len(found[1])):
-            raise InputError(f"{location!r} should be a directory, or a URL such as s3://bucket/x")
+    if found := re.match(r"^([a-z][a-z0-9+]+):/", where, re.IGNORECASE):
+        where = found[1].lower() + where[len(found[1]) :]
+        if not where.startswith("://", len(found[1])):
+            raise InputError(f"{where!r} should be a directory, or a URL such as s3://bucket/x")
         try:
-            return Place(location, from_url(location, retry_config=_RETRY), None)
+            return Place(where, from_url(where, retry_config=_RETRY), None)
         except (BaseError, ValueError) as error:
             raise InputError(
-                f"cannot use {location!r} as a place for an archive: {_first_line(error)}; "
+                f"cannot use {where!r} as a place for an archive: {_first_line(error)}; "
                 "give a directory, or a URL such as s3://bucket/archive"
             ) from error
-    folder = Path(location).expanduser().absolute()
+    folder = Path(where).expanduser().absolute()
     if make:
         with told(f"make the directory {folder}"):
             folder.mkdir(parents=True, exist_ok=True)
     if not folder.is_dir():
-        raise InputError(f"there is no directory {location!r}; check the path")
-    return Place(location, LocalStore(folder), folder)
+        raise InputError(f"there is no directory {where!r}; check the path")
+    return Place(where, LocalStore(folder), folder)
 
 
 def read_file(place: Place, path: str) -> bytes:

@@ -18,9 +18,10 @@ from storage.formats.capture.capture_toml import MARK, read_capture_toml
 from storage.formats.encodings import normalized
 from storage.formats.settings_toml import SETTINGS_FILE
 from storage.formats.toml_text import NotTomlError, plain_metadata, read_toml
-from storage.places import read_file, write_file
+from storage.places import write_file
 from storage.provenance import digest_file
-from storage.publication import Record, read_record
+from storage.publication import read_source
+from storage.records import Record, read_record
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +76,9 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     found: list[Path] = []
     faults: list[str] = []
     for path in map(Path, paths):
-        if path.is_dir():
+        if fault := _name_fault(path):
+            faults.append(fault)
+        elif path.is_dir():
             below = sorted(_recordings_below(path))
             found += below
             if not below:
@@ -103,12 +106,19 @@ def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
     claimed: dict[str, str] = {}
     digests: dict[str, str] = {}
     for path in paths:
+        if fault := _name_fault(path):
+            plan.refusals.append(Refusal(_shown(path), fault))
+            continue
         try:
             recording = (
                 _plan_capture(archive, path, digests, claimed)
                 if path.is_dir()
                 else _plan_file(archive, path, digests, claimed)
             )
+        except UnicodeEncodeError as error:  # of a file in a capture
+            fault = _name_fault(Path(error.object.split("\0")[0])) or str(error)
+            plan.refusals.append(Refusal(str(path), f"{path}: {fault}"))
+            continue
         except Exception as error:  # whatever is raised, the others go on
             plan.refusals.append(_refusal(path, error))
             continue
@@ -207,6 +217,20 @@ def remember_source(archive: Archive, record: Record) -> None:
     write_file(archive.place, _source_path(record.source["digest"]), content)
 
 
+def _name_fault(path: Path) -> str | None:
+    """Say what is wrong with a name that is no text; records and other systems hold only texts."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return f"the name {_shown(path)!r} is not UTF-8; rename it"
+    return None
+
+
+def _shown(path: Path) -> str:
+    """Return a path with what is no text written as numbers."""
+    return str(path).encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
 def _content_lines(folder: Path, within: str, seen: dict[tuple[int, int], str]) -> Iterator[str]:
     """Yield a line a file below a folder: its name and the digest of its content.
 
@@ -291,11 +315,8 @@ def _made_from(record: Record, file: Path, digest: str) -> bool:
 
 def _take_of_content(archive: Archive, digest: str) -> str | None:
     """Return the take that this content became, if the take still says so."""
-    try:
-        take = json.loads(read_file(archive.place, _source_path(digest)))["take"]
-    except (FileNotFoundError, ValueError, KeyError):
-        return None
-    record = read_record(archive.place, take)
+    take = read_source(archive.place, _source_path(digest))
+    record = read_record(archive.place, take) if take else None
     return take if record and record.source["digest"] == digest else None
 
 

@@ -7,7 +7,6 @@ writers can race on: exactly one of them wins, on a disk (hard link) as on an ob
 
 import os
 import re
-import stat
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +22,7 @@ from obstore.store import LocalStore, ObjectStore, from_url
 
 from storage.errors import ArchiveError, InputError, PlaceError
 from storage.files import NotRegularError
+from storage.files import check_regular as refuse_pipes
 
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
@@ -130,10 +130,15 @@ def check_regular(path: Path) -> Path:
         If a folder, a pipe or a device is in its place.
     """
     try:
-        mode = path.stat().st_mode
+        refuse_pipes(path)
     except NotADirectoryError:
         raise FileNotFoundError(f"there is no {path}") from None
-    if not stat.S_ISREG(mode):
+    except NotRegularError as error:
+        raise ArchiveError(
+            f"{path} is no regular file, but {error.kind}; remove it, then see what `shosa verify` "
+            "says"
+        ) from error
+    if path.is_dir():
         raise ArchiveError(
             f"{path} is no regular file; put the file back from a copy, or remove what is there"
         )

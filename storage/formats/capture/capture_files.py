@@ -86,4 +86,4 @@ def unread_files(what: str, folder: Path, names: Sequence[str]) -> str:
     ]
     if not unread:
         return ""
-    return f"; {listed(unread)} is of no kind that is read, which are {', '.join(kinds)}"
+    return f"; {listed(unread)} is of no kind that is read ({', '.join(kinds)})"

@@ -21,7 +21,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.files import open_regular
+from storage.files import NotRegularError, open_regular
 from storage.formats.pictures.combing import mended
 from storage.formats.pictures.decoding import decode_picture
 from storage.formats.pictures.film_decoding import FAULTS, Key, RgbReader, frames_from
@@ -96,6 +96,8 @@ def open_video(path: str | Path) -> Video:
         with open_regular(path) as file:
             head = file.read(8)
             about = os.fstat(file.fileno())
+    except NotRegularError as error:
+        raise InputError(f"{path} is no regular file, but {error.kind}; bring {_WANTED}") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); bring {_WANTED}") from error
     if not head:

@@ -339,7 +339,7 @@ def test_a_file_without_pictures_is_named(tmp_path):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "film.mp4")
-    with pytest.raises(InputError, match=r"film.mp4 is no regular file; bring a film"):
+    with pytest.raises(InputError, match=r"film.mp4 is no regular file, but a named pipe"):
         open_video(tmp_path / "film.mp4")
 
 

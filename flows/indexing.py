@@ -8,7 +8,6 @@ from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from storage import open_archive
-from storage.errors import ArchiveError, PlaceError
 from tasks.retrieval.indexing import index_take
 
 logger = logging.getLogger(__name__)
@@ -23,8 +22,8 @@ _TAKES_A_BLOCK = 64  # about three seconds of takes of a minute; a task run cost
 )
 def index_archive(archive: str) -> list[str]:
     """Make the search arrays of every take anew; return each fault as a sentence."""
-    records = [each for each in open_archive(archive).records() if "motion" in each.stages]
-    versions = [(record.take, record.version) for record in records]
+    records, damaged = open_archive(archive).readable_records()
+    versions = [(each.take, each.version) for each in records if "motion" in each.stages]
     blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
     progress = create_progress_artifact(
         progress=0.0, key="index-progress", description=f"{len(versions)} takes of {archive}"
@@ -35,7 +34,7 @@ def index_archive(archive: str) -> list[str]:
         faults += run.result()
         update_progress_artifact(progress, progress=100.0 * done / len(runs))  # type: ignore[arg-type]
     logger.info("indexed %d takes of %s", len(versions) - len(faults), archive)
-    return faults
+    return [*damaged.values(), *faults]
 
 
 @task(task_run_name="index from {block[0][0]}", cache_policy=NO_CACHE)
@@ -45,6 +44,6 @@ def index_block(archive: str, block: list[tuple[str, str]]) -> list[str]:
     for take, version in block:
         try:
             index_take(archive, take, version)
-        except (ArchiveError, PlaceError, FileNotFoundError) as error:
-            faults.append(f"take {take!r} cannot be indexed: {error}")
+        except Exception as error:  # whatever is wrong with one take, the others go on
+            faults.append(f"take {take!r} cannot be indexed: {error or type(error).__name__}")
     return faults

@@ -135,7 +135,7 @@ def _finished(recording: Recording, draft: dict[str, Any], *, published: bool) -
 def _refused(refusal: Refusal) -> Outcome:
     """Return the outcome of a file that was refused unopened."""
     logger.error("%s", refusal.reason)
-    return Outcome(refusal.path, "refused", reason=refusal.reason)
+    return Outcome(refusal.path, "failed" if refusal.broken else "refused", reason=refusal.reason)
 
 
 def _outcome(recording: Recording, result: Outcome | Exception) -> Outcome:

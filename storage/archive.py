@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.places import Place, create_file, list_names, open_place, read_file
 from storage.provenance import now
-from storage.publication import (
+from storage.publication import version_folder
+from storage.records import (
     Record,
     published_takes,
     read_record,
     read_records,
-    version_folder,
+    readable_records,
 )
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 ARCHIVE_FORMAT = 1
 _MARK = "archive.json"
+_NAME = "shosa-archive"
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,14 @@ class Take:
     def folder(self) -> str:
         """Where its Zarr group lives, inside the archive."""
         return version_folder(self.record.take, self.record.version)
+
+    def check_there(self) -> None:
+        """Raise an ArchiveError if its Zarr group is not there."""
+        if not list_names(self.place, self.folder):
+            raise ArchiveError(
+                f"take {self.name!r} should be in {self.path}, where nothing is; "
+                "put it back from a copy, or ingest the recording again"
+            )
 
     @property
     def motion(self) -> "xarray.Dataset":
@@ -77,7 +87,7 @@ class Take:
         from storage.arrays.voxels import open_silhouettes
 
         self._check_stage("silhouettes")
-        return open_silhouettes(self.place, self.folder)
+        return open_silhouettes(self.place, self.folder, self.record.files)
 
     def voxels(self, frame: int) -> "xarray.Dataset":
         """Return the performer's voxels in a frame, in the order of their numbers.
@@ -111,7 +121,7 @@ class Take:
         from storage.arrays.voxels import open_voxels
 
         self._check_stage("voxels")
-        return open_voxels(self.place, self.folder)
+        return open_voxels(self.place, self.folder, self.record.files)
 
     def _group(self, name: str) -> "xarray.Dataset":
         from storage.arrays.groups import (
@@ -119,7 +129,7 @@ class Take:
         )  # xarray and Zarr: 0.6 s that a search need not pay
 
         self._check_stage(name)
-        return open_group(self.place, self.folder, name)
+        return open_group(self.place, self.folder, name, self.record.files)
 
     def _check_stage(self, name: str) -> None:
         """Refuse to read what no stage has written."""
@@ -149,6 +159,10 @@ class Archive:
         """Return what every take is now, in the order of the names."""
         return read_records(self.place)
 
+    def readable_records(self) -> tuple[list[Record], dict[str, str]]:
+        """Return what every take is now, and what is wrong with the records of others, by take."""
+        return readable_records(self.place)
+
     def take(self, name: str) -> Take:
         """Return the take called `name` as it is now.
 
@@ -174,21 +188,23 @@ def open_archive(location: str | os.PathLike[str]) -> Archive:
     InputError
         If there is no archive.
     ArchiveError
-        If a newer shosa made it.
+        If a newer shosa made it, or its mark is damaged.
     """
     place = open_place(location)
     try:
         mark = json.loads(read_file(place, _MARK))
-        number = int(mark["version"])
+        number = mark["version"]
+        if mark.get("format", _NAME) != _NAME or type(number) is not int or number < 1:
+            raise ValueError(f"it has format {mark.get('format')!r} and version {number!r}")
     except FileNotFoundError:
         raise InputError(
             f"{os.fspath(location)!r} is not an archive: it has no {_MARK}; "
             "`shosa ingest` makes one"
         ) from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ArchiveError(
             f"{place.url(_MARK)} is damaged ({error}); it should read "
-            f'{{"format": "shosa-archive", "version": {ARCHIVE_FORMAT}}}'
+            f'{{"format": "{_NAME}", "version": {ARCHIVE_FORMAT}}}'
         ) from error
     if number > ARCHIVE_FORMAT:
         raise ArchiveError(
@@ -215,7 +231,7 @@ def create_archive(location: str | os.PathLike[str]) -> Archive:
                 f"{', '.join(strange[:3])}{', ...' if len(strange) > 3 else ''}); "
                 "name an archive, or a new directory"
             )
-        mark = {"format": "shosa-archive", "version": ARCHIVE_FORMAT, "created": now()}
+        mark = {"format": _NAME, "version": ARCHIVE_FORMAT, "created": now()}
         create_file(place, _MARK, json.dumps(mark, indent=1).encode())
     return open_archive(location)
 

@@ -20,11 +20,16 @@ import obstore
 from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
 
-from storage.errors import InputError, PlaceError
+from storage.errors import ArchiveError, InputError, PlaceError
+from storage.files import NotRegularError
+from storage.files import check_regular as refuse_pipes
 
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
 _DELETE_AT_ONCE = 1000  # what one request of S3 takes
+_NO_CREDENTIALS = r"169\.254\.169\.254|metadata\.google|credential|instance.metadata"
+"""What an object store's client says where it was given no key [pattern]. It then asks the machine
+itself for one, at an address that only rented machines have."""
 
 
 @dataclass(frozen=True)
@@ -59,34 +64,85 @@ def open_place(location: str | os.PathLike[str], *, make: bool = False) -> Place
     Raises
     ------
     InputError
-        If the URL is of a kind that is not known.
+        If the URL is of a kind that is not known, or the path is no text.
     PlaceError
         If the directory is to be made and cannot be.
     """
-    location = os.fspath(location)
-    if re.match(r"^[a-z][a-z0-9+]+://", location):
+    where = os.fspath(location)
+    try:
+        where.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"the path {where!r} has a name that is not UTF-8; rename it, or give another place"
+        ) from error
+    if found := re.match(r"^([a-z][a-z0-9+]+):/", where, re.IGNORECASE):
+        where = found[1].lower() + where[len(found[1]) :]
+        if not where.startswith("://", len(found[1])):
+            raise InputError(f"{where!r} should be a directory, or a URL such as s3://bucket/x")
         try:
-            return Place(location, from_url(location, retry_config=_RETRY), None)
+            return Place(where, from_url(where, retry_config=_RETRY), None)
         except (BaseError, ValueError) as error:
             raise InputError(
-                f"cannot use {location!r} as a place for an archive: {_first_line(error)}; "
+                f"cannot use {where!r} as a place for an archive: {_first_line(error)}; "
                 "give a directory, or a URL such as s3://bucket/archive"
             ) from error
-    folder = Path(location).expanduser().absolute()
+    folder = Path(where).expanduser().absolute()
     if make:
         with told(f"make the directory {folder}"):
             folder.mkdir(parents=True, exist_ok=True)
     if not folder.is_dir():
-        raise InputError(f"there is no directory {location!r}; check the path")
-    return Place(location, LocalStore(folder), folder)
+        raise InputError(f"there is no directory {where!r}; check the path")
+    return Place(where, LocalStore(folder), folder)
 
 
 def read_file(place: Place, path: str) -> bytes:
-    """Return the bytes of the file at `path`; FileNotFoundError where there is none."""
+    """Return the bytes of the file at `path`; FileNotFoundError where there is none.
+
+    Raises
+    ------
+    ArchiveError
+        If a folder, a pipe or a device is in its place.
+    """
     with told(f"read {place.url(path)}"):
         if place.folder:
-            return (place.folder / path).read_bytes()
+            return check_regular(place.folder / path).read_bytes()
         return bytes(obstore.get(place.store, path).bytes())
+
+
+def read_range(place: Place, path: str, start: int, end: int) -> bytes:
+    """Return the bytes of a file from `start` to before `end`; raises as `read_file`."""
+    with told(f"read {place.url(path)}"):
+        if place.folder:
+            with check_regular(place.folder / path).open("rb") as file:
+                file.seek(start)
+                return file.read(end - start)
+        return bytes(obstore.get_range(place.store, path, start=start, end=end))
+
+
+def check_regular(path: Path) -> Path:
+    """Return the path of a file of an archive, which reading can not wait on for ever.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ArchiveError
+        If a folder, a pipe or a device is in its place.
+    """
+    try:
+        refuse_pipes(path)
+    except NotADirectoryError:
+        raise FileNotFoundError(f"there is no {path}") from None
+    except NotRegularError as error:
+        raise ArchiveError(
+            f"{path} is no regular file, but {error.kind}; remove it, then see what `shosa verify` "
+            "says"
+        ) from error
+    if path.is_dir():
+        raise ArchiveError(
+            f"{path} is no regular file; put the file back from a copy, or remove what is there"
+        )
+    return path
 
 
 def write_file(place: Place, path: str, content: bytes) -> None:
@@ -132,11 +188,38 @@ def list_names(place: Place, folder: str) -> list[str]:
     return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in paths)
 
 
+def list_links(place: Place, folder: str) -> list[str]:
+    """On a disk, return the links to folders at `folder` and below it, sorted.
+
+    A listing of what is above such a link does not look behind it.
+    """
+    if not place.folder:
+        return []
+    if (place.folder / folder).is_symlink():
+        return [folder]
+    found = [
+        path.relative_to(place.folder).as_posix()
+        for above, folders, _ in os.walk(place.folder / folder)
+        for name in folders
+        if (path := Path(above, name)).is_symlink()
+    ]
+    return sorted(found)
+
+
+def is_own(place: Place, path: str) -> bool:
+    """Say whether no folder above `path` in the archive is a link, so that it may be removed."""
+    above = Path(path).parents
+    return not place.folder or not any((place.folder / each).is_symlink() for each in above[:-1])
+
+
 def delete_files(place: Place, paths: Sequence[str]) -> None:
-    """Remove the files, and on a disk the folders that this leaves empty."""
+    """Remove the files, and on a disk the folders that this leaves empty.
+
+    What is behind a link to a folder may belong to somebody else, and stays.
+    """
     with told(f"remove files from {place.location}"):
         if place.folder:
-            for path in paths:
+            for path in (each for each in paths if is_own(place, each)):
                 (place.folder / path).unlink(missing_ok=True)
                 _remove_empty_parents(place.folder, path)
             return
@@ -146,7 +229,7 @@ def delete_files(place: Place, paths: Sequence[str]) -> None:
 
 def folders_older(place: Place, folder: str, before: datetime) -> list[Path]:
     """On a disk, return the folders below `folder` untouched since `before`, leaves last."""
-    if not place.folder:
+    if not place.folder or (place.folder / folder).is_symlink():
         return []
     below = [Path(above) for above, _, _ in os.walk(place.folder / folder)]
     return [path for path in below if path.stat().st_mtime < before.timestamp()]
@@ -173,11 +256,19 @@ def sync_files(place: Place, paths: Sequence[str]) -> None:
 
 
 def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
-    """Return the folder as a store that Zarr opens."""
+    """Return the folder as a store that Zarr opens.
+
+    Raises
+    ------
+    ArchiveError
+        It is to be read, and holds a pipe, a socket or a device.
+    """
     from zarr.storage import ObjectStore as ZarrObjectStore
 
     if place.folder:
         with told(f"write {place.url(folder)}"):
+            if read_only:
+                _check_below(place.folder / folder)
             inside = LocalStore(place.folder / folder, mkdir=not read_only)
         return ZarrObjectStore(inside, read_only=read_only)
     inside = from_url(place.url(folder), retry_config=_RETRY)
@@ -188,12 +279,17 @@ def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
 def told(action: str) -> Iterator[None]:
     """Turn a fault of the disk or object store into a PlaceError of one sentence.
 
-    A missing file stays FileNotFoundError.
+    A missing file stays FileNotFoundError; a pipe in a file's place is an ArchiveError.
     """
     try:
         yield
     except (FileNotFoundError, PlaceError):
         raise
+    except NotRegularError as error:
+        raise ArchiveError(
+            f"{error.filename} is no regular file, but {error.kind}; remove it, then see what "
+            "`shosa verify` says"
+        ) from error
     except (OSError, BaseError) as error:
         raise PlaceError(f"cannot {action}: {_reason(error)}") from error
 
@@ -204,6 +300,11 @@ def _reason(error: Exception) -> str:
     found = re.search(r"\(os error (\d+)\)", str(error))
     if number is None and found:
         number = int(found[1])
+    if number is None and re.search(_NO_CREDENTIALS, str(error), re.IGNORECASE):
+        return (
+            "there are no credentials for the object store; set AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY, or what your store asks for, then run it again"
+        )
     if number is None:
         return f"{_first_line(error)}; check that the object store answers, then run it again"
     advice = {
@@ -246,11 +347,19 @@ def _walk(root: Path, folder: str) -> Iterator[StoredFile]:
         for name in names:
             path = Path(above, name)
             try:
-                status = path.stat()
+                status = path.lstat()
             except FileNotFoundError:
                 continue
             modified = datetime.fromtimestamp(status.st_mtime, tz=UTC)
             yield StoredFile(path.relative_to(root).as_posix(), status.st_size, modified)
+
+
+def _check_below(folder: Path) -> None:
+    """Refuse a folder that holds what would hang its reader."""
+    for above, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                check_regular(Path(above, name))
 
 
 def _sync(path: Path) -> None:

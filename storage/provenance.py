@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from storage.files import open_regular
+
 _BLOCK = 1 << 20
 
 
@@ -63,7 +65,7 @@ def digest_bytes(content: bytes | memoryview) -> str:
 def digest_file(path: Path) -> str:
     """Return the SHA-256 of a file in hexadecimal, whatever its size."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while block := file.read(_BLOCK):
             digest.update(block)
     return digest.hexdigest()

@@ -2,21 +2,30 @@
 
 import hashlib
 import json
+import logging
 import os
-import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from storage.archive import Archive, take_name
-from storage.errors import InputError
+from storage.errors import ArchiveError, InputError, PlaceError
+from storage.files import NotRegularError
 from storage.formats import MOTION_SUFFIXES
+from storage.formats.calibration.parts import as_shown
 from storage.formats.capture.capture_toml import MARK, read_capture_toml
+from storage.formats.encodings import normalized
 from storage.formats.settings_toml import SETTINGS_FILE
-from storage.places import read_file, write_file
+from storage.formats.toml_text import NotTomlError, plain_metadata, read_toml
+from storage.places import write_file
 from storage.provenance import digest_file
-from storage.publication import Record, read_record
+from storage.publication import read_source
+from storage.records import Record, read_record
+
+logger = logging.getLogger(__name__)
+
+_METADATA_WANTED = "a TOML file with a table [take]"
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,8 @@ class Refusal:
 
     path: str
     reason: str
+    broken: bool = False
+    """The fault may be the program's, not the file's."""
 
 
 @dataclass
@@ -65,7 +76,9 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     found: list[Path] = []
     faults: list[str] = []
     for path in map(Path, paths):
-        if path.is_dir():
+        if fault := _name_fault(path):
+            faults.append(fault)
+        elif path.is_dir():
             below = sorted(_recordings_below(path))
             found += below
             if not below:
@@ -93,14 +106,21 @@ def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
     claimed: dict[str, str] = {}
     digests: dict[str, str] = {}
     for path in paths:
+        if fault := _name_fault(path):
+            plan.refusals.append(Refusal(_shown(path), fault))
+            continue
         try:
             recording = (
                 _plan_capture(archive, path, digests, claimed)
                 if path.is_dir()
                 else _plan_file(archive, path, digests, claimed)
             )
-        except (InputError, OSError) as error:
-            plan.refusals.append(Refusal(str(path), _sentence(path, error)))
+        except UnicodeEncodeError as error:  # of a file in a capture
+            fault = _name_fault(Path(error.object.split("\0")[0])) or str(error)
+            plan.refusals.append(Refusal(str(path), f"{path}: {fault}"))
+            continue
+        except Exception as error:  # whatever is raised, the others go on
+            plan.refusals.append(_refusal(path, error))
             continue
         if not recording.take:
             same = digests[recording.digest]
@@ -147,19 +167,13 @@ def _plan_file(
 
 
 def digest_capture(folder: Path) -> str:
-    """Return the SHA-256 of the names and contents of all that is in a capture.
+    """Return the SHA-256 of the names and contents of all that is in a capture, links followed.
 
     Without its `digitize.toml`: settings are no content, and each stage is keyed by those it reads.
     """
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder)
-        if (
-            name.as_posix() != SETTINGS_FILE
-            and path.is_file()
-            and not any(part.startswith(".") for part in name.parts)
-        ):
-            digest.update(f"{name.as_posix()}\0{digest_file(path)}\n".encode())
+    for line in _content_lines(folder, "", {_identity(folder): "."}):
+        digest.update(line.encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 
 
@@ -169,20 +183,32 @@ def read_metadata(motion_file: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file cannot be read as TOML, or has no such table.
+        If the file cannot be read as TOML, has no such table, or a number that is not finite.
     """
-    path = motion_file.with_suffix(".toml")
-    if not path.is_file():
+    path = _beside(motion_file)
+    if path is None:
         return {}
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))["take"]
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"the metadata {path} are not TOML: {error}") from error
-    except KeyError:
-        raise InputError(f"the metadata {path} have no table [take]") from None
+        tables = read_toml(path, _METADATA_WANTED)
+    except NotTomlError as error:
+        raise InputError(f"the metadata {path} are not TOML: {error.reason}") from error
+    table = tables.get("take")
     if not isinstance(table, dict):
         raise InputError(f"the metadata {path} have no table [take]")
-    return json.loads(json.dumps(table, default=str))
+    _stature(motion_file, table)
+    return plain_metadata(table, f"[take] of {path}")
+
+
+def _beside(motion_file: Path) -> Path | None:
+    """Return the .toml beside a motion file, in whatever way the letters of its name are composed.
+
+    Macs and shares from Macs decompose a name, and not always that of both files.
+    """
+    path = motion_file.with_suffix(".toml")
+    if os.path.lexists(path) or path.name.isascii():
+        return path if os.path.lexists(path) else None
+    name = normalized(path.name)
+    return next((each for each in path.parent.iterdir() if normalized(each.name) == name), None)
 
 
 def remember_source(archive: Archive, record: Record) -> None:
@@ -191,20 +217,71 @@ def remember_source(archive: Archive, record: Record) -> None:
     write_file(archive.place, _source_path(record.source["digest"]), content)
 
 
-def _recordings_below(folder: Path) -> list[Path]:
-    """Collect the motion files and the captures below a folder."""
-    found = []
-    for above, folders, names in os.walk(folder):
-        if MARK in names:
-            found.append(Path(above))
-            folders.clear()
+def _name_fault(path: Path) -> str | None:
+    """Say what is wrong with a name that is no text; records and other systems hold only texts."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return f"the name {_shown(path)!r} is not UTF-8; rename it"
+    return None
+
+
+def _shown(path: Path) -> str:
+    """Return a path with what is no text written as numbers."""
+    return str(path).encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
+def _content_lines(folder: Path, within: str, seen: dict[tuple[int, int], str]) -> Iterator[str]:
+    """Yield a line a file below a folder: its name and the digest of its content.
+
+    A folder that links lead to again is named by where it was seen first, so no loop is entered.
+    """
+    for path in sorted(folder.iterdir(), key=lambda path: path.name):
+        name = f"{within}{path.name}"
+        if path.name.startswith(".") or name == SETTINGS_FILE:
             continue
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [
-            Path(above, name)
-            for name in names
-            if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
-        ]
+        if path.is_dir():
+            first = seen.setdefault(_identity(path), name)
+            if first == name:
+                yield from _content_lines(path, f"{name}/", seen)
+            else:
+                yield f"{name}/\0{first}/\n"
+        elif path.is_file():
+            yield f"{name}\0{digest_file(path)}\n"
+
+
+def _identity(folder: Path) -> tuple[int, int]:
+    """Return what a folder is, whatever links lead to it."""
+    status = folder.stat()
+    return status.st_dev, status.st_ino
+
+
+def _recordings_below(folder: Path) -> list[Path]:
+    """Collect the motion files and the captures below a folder, each folder once.
+
+    Links to folders come last: what lies there already keeps the path that it had.
+    """
+    found: list[Path] = []
+    seen: set[tuple[int, int]] = set()
+    waiting = [folder]
+    while waiting:
+        for place, folders, names in os.walk(waiting.pop(0)):
+            above = Path(place)
+            if _identity(above) in seen:
+                folders.clear()
+                continue
+            seen.add(_identity(above))
+            if MARK in names:
+                found.append(above)
+                folders.clear()
+                continue
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            waiting += [above / name for name in folders if (above / name).is_symlink()]
+            found += [
+                above / name
+                for name in names
+                if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
+            ]
     return found
 
 
@@ -238,11 +315,8 @@ def _made_from(record: Record, file: Path, digest: str) -> bool:
 
 def _take_of_content(archive: Archive, digest: str) -> str | None:
     """Return the take that this content became, if the take still says so."""
-    try:
-        take = json.loads(read_file(archive.place, _source_path(digest)))["take"]
-    except (FileNotFoundError, ValueError, KeyError):
-        return None
-    record = read_record(archive.place, take)
+    take = read_source(archive.place, _source_path(digest))
+    record = read_record(archive.place, take) if take else None
     return take if record and record.source["digest"] == digest else None
 
 
@@ -255,16 +329,25 @@ def _stature(file: Path, metadata: dict[str, Any]) -> float | None:
     stature_m = metadata.get("stature_m")
     if stature_m is None:
         return None
-    if not isinstance(stature_m, int | float) or not 0.3 < stature_m < 3.0:
+    is_number = isinstance(stature_m, int | float) and not isinstance(stature_m, bool)
+    if not is_number or not 0.3 < stature_m < 3.0:
         raise InputError(
-            f"stature_m = {stature_m!r} in {file.with_suffix('.toml').name} should be a number of "
-            "metres between 0.3 and 3"
+            f"stature_m = {as_shown(stature_m)} in {file.with_suffix('.toml').name} should be a "
+            "number of metres between 0.3 and 3"
         )
     return float(stature_m)
 
 
-def _sentence(file: Path, error: Exception) -> str:
+def _refusal(file: Path, error: Exception) -> Refusal:
     """Return an error as one sentence that names the file."""
+    if isinstance(error, NotRegularError):
+        return Refusal(str(file), f"{error.filename} is no regular file, but {error.kind}")
+    if isinstance(error, PlaceError):
+        return Refusal(str(file), f"{file}: {error}", broken=True)
     if isinstance(error, OSError):
-        return f"{file} cannot be read: {error.strerror or error}"
-    return f"{file}: {error}"
+        return Refusal(str(file), f"{file} cannot be read: {error.strerror or error}")
+    if isinstance(error, InputError | ArchiveError):
+        return Refusal(str(file), f"{file}: {error}")
+    logger.debug("%s cannot be planned", file, exc_info=error)
+    reason = f"{file}: {type(error).__name__}: {error}; tell the authors of shosa"
+    return Refusal(str(file), reason, broken=True)

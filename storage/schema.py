@@ -30,6 +30,9 @@ NO_CAMERA = 255
 """The camera of a surface voxel that no camera sees [camera]. It is the largest number of a uint8;
 a take has fewer cameras than that."""
 
+_SHOWN = 40
+"""How much of what is no range of frames is shown [characters]. Chosen: half a line."""
+
 
 def parse_frames(text: str) -> tuple[int, int]:
     """Return START-END as two frames, both inclusive.
@@ -37,9 +40,10 @@ def parse_frames(text: str) -> tuple[int, int]:
     Raises
     ------
     ValueError
-        If it is not two whole numbers in order.
+        If it is not two whole numbers in order, of nine digits at most.
     """
-    found = re.fullmatch(r"(\d+)-(\d+)", text)
+    found = re.fullmatch(r"([0-9]{1,9})-([0-9]{1,9})", text)
     if not found or int(found[1]) > int(found[2]):
-        raise ValueError(f"frames {text!r} should be START-END, such as 400-560")
+        shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+        raise ValueError(f"frames {shown!r} should be START-END, such as 400-560")
     return int(found[1]), int(found[2])

@@ -6,30 +6,40 @@ sub-commands that need them; a search does not.
 """
 
 import argparse
+import io
 import logging
 import os
 import sys
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flows.command import printing
+from flows.command.options import (
+    UsageError,
+    check_before_flow,
+    check_hours,
+    clip_of,
+    digitization_settings,
+    import_settings,
+    query_settings,
+    search_settings,
+)
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
-from storage import open_archive
+from storage import create_archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.provenance import shosa_version
-from storage.schema import parse_frames
+from storage.recordings import find_recordings
 
-if TYPE_CHECKING:
-    from tasks.motion.importing import ImportSettings
-    from tasks.retrieval.searching import SearchSettings
+logger = logging.getLogger(__name__)
 
 DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sub-command in `arguments` (default: the command line); return the exit code."""
+    _write_any_text()
     options = build_parser().parse_args(arguments)
     _log_to_standard_error(quiet=options.quiet, verbose=options.verbose)
     try:
@@ -47,10 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(
             "interrupted; what was published stays, the rest can be run again", INTERRUPTED
         )
-
-
-class UsageError(ValueError):
-    """The command was called with values that do not go together."""
+    except Exception as error:
+        logger.debug("the fault in full", exc_info=error)
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        return _fail(
+            f"this is a fault of the program ({said}); run it with --verbose and report what it "
+            "says",
+            RUN_FAILED,
+        )
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -184,6 +198,9 @@ def _add_upkeep(commands: Any) -> None:
         metavar="HOURS",
         help="leave alone what somebody may still write or read (default 24)",
     )
+    collect.add_argument(
+        "--lost", action="store_true", help="also what was published and has lost its record"
+    )
     doctor = _command(commands, "doctor", _doctor, "say what is wrong with an installation")
     doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
     doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
@@ -197,8 +214,11 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _ingest(options: argparse.Namespace) -> int:
-    importing = _import_settings(options, low_pass_hz=options.low_pass)
-    settings = _digitization_settings(options.settings)  # before Prefect starts, which takes long
+    # all of it before Prefect starts, which takes long
+    importing = import_settings(options, low_pass_hz=options.low_pass)
+    settings = digitization_settings(options.settings)
+    find_recordings(options.paths)
+    create_archive(options.archive)
     _hush_prefect()
     from flows.ingestion import ingest_archive
 
@@ -223,21 +243,12 @@ def _settings(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _digitization_settings(file: str | None) -> dict[str, Any]:
-    """Return the tables of a file of settings, once they are known to be good."""
-    if file is None:
-        return {}
-    from storage.formats.settings_toml import read_settings_tables
-    from tasks.settings import read_settings
-
-    tables = read_settings_tables(Path(file))
-    read_settings(tables, file)
-    return tables
-
-
 def _takes(options: argparse.Namespace) -> int:
-    printing.print_takes(open_archive(options.archive).records(), as_json=options.json)
-    return DONE
+    records, damaged = open_archive(options.archive).readable_records()
+    printing.print_takes(records, as_json=options.json)
+    for fault in damaged.values():
+        printing.say(fault)
+    return BAD_INPUT if damaged else DONE
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -247,52 +258,35 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _path(options: argparse.Namespace) -> int:
-    printing.print_line(open_archive(options.archive).take(options.take).path)
+    take = open_archive(options.archive).take(options.take)
+    take.check_there()
+    printing.print_line(take.path)
     return DONE
 
 
 def _search(options: argparse.Namespace) -> int:
-    from tasks.retrieval.searching import SearchSettings
-
-    settings = SearchSettings(
-        part=options.part,
-        weights=_weights(options.weight),
-        steps=options.steps,
-        mirror=options.mirror,
-        path_weight=options.path_weight,
-        threshold=options.threshold,
-        top=options.top,
-    )
-    answer = _answer(options, settings)
-    printing.print_answer(answer, as_json=options.json)
-    return DONE
-
-
-def _answer(options: argparse.Namespace, settings: "SearchSettings") -> Any:
-    """Search, directly or as a flow."""
-    imported = None
-    if options.map or options.scale or options.up:
-        imported = _import_settings(options)
+    settings, imported = search_settings(options), query_settings(options)
     arguments = (options.archive, options.query, settings, options.takes, imported)
+    if options.flow:
+        check_before_flow(options)
+        _hush_prefect()
+        from flows.searching import search_archive as search
+    else:
+        from tasks.retrieval.answering import answer_query as search
     try:
-        if options.flow:
-            _hush_prefect()
-            from flows.searching import search_archive
-
-            return search_archive(*arguments)
-        from tasks.retrieval.answering import answer_query
-
-        return answer_query(*arguments)
+        answer = search(*arguments)
     except (InputError, ArchiveError, UnknownNameError):
         raise
     except ValueError as error:  # a setting, refused by the search
         raise UsageError(str(error)) from error
+    printing.print_answer(answer, as_json=options.json)
+    return DONE
 
 
 def _export(options: argparse.Namespace) -> int:
     from tasks.exporting.joints import export_take
 
-    clip = _clip(options)
+    clip = clip_of(options)
     try:
         notes = export_voxels_or_segment(options, clip)
     except (InputError, ArchiveError):
@@ -309,7 +303,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _render(options: argparse.Namespace) -> int:
-    clip = _clip(options)
+    clip = clip_of(options)
     try:
         render(options, clip)
     except (InputError, ArchiveError):
@@ -325,6 +319,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _index(options: argparse.Namespace) -> int:
+    open_archive(options.archive)  # before Prefect starts, which takes long
     _hush_prefect()
     from flows.indexing import index_archive
 
@@ -337,28 +332,34 @@ def _index(options: argparse.Namespace) -> int:
 def _verify(options: argparse.Namespace) -> int:
     from flows.command.upkeep import verify_archive
 
-    takes, faults = verify_archive(options.archive)
+    takes, faults, notes = verify_archive(options.archive)
     for fault in faults:
         printing.print_line(fault)
+    for note in notes:
+        printing.say(note)
     printing.say(f"{takes} takes verified, {len(faults)} faults")
     return BAD_INPUT if faults else DONE
 
 
 def _collect_garbage(options: argparse.Namespace) -> int:
-    from storage.publication import collect_garbage
+    from storage.publication import collect_garbage, kept_from_garbage
 
-    if not options.older_than >= 0:
-        raise UsageError(f"--older-than {options.older_than:g} should be hours, 0 or more")
+    check_hours(options.older_than)
     place = open_archive(options.archive).place
-    removed = collect_garbage(place, older_than=timedelta(hours=options.older_than))
+    older_than = timedelta(hours=options.older_than)
+    removed = collect_garbage(place, older_than=older_than, lost=options.lost)
     for file in removed:
         printing.print_line(file.path)
+    for note in kept_from_garbage(place, lost=options.lost):
+        printing.say(note)
     size = sum(file.size for file in removed)
     printing.say(f"removed {len(removed)} files, {size / 1e6:.1f} MB")
     return DONE
 
 
 def _doctor(options: argparse.Namespace) -> int:
+    if options.out is not None and not options.captures:
+        raise UsageError("--out is for pictures of captures; name a capture, or leave it out")
     if options.captures:
         from tasks.checks.examination import examine_captures
 
@@ -373,44 +374,20 @@ def _doctor(options: argparse.Namespace) -> int:
     return DONE if all(finding.good for finding in findings) else RUN_FAILED
 
 
-def _import_settings(
-    options: argparse.Namespace, low_pass_hz: float | None = None
-) -> "ImportSettings":
-    """Return how files are to be read, from the options."""
-    from tasks.motion.importing import ImportSettings, read_joint_map
-
-    mapping = read_joint_map(Path(options.map)) if options.map else None
-    return ImportSettings(
-        scale=options.scale, up=options.up, mapping=mapping, low_pass_hz=low_pass_hz
-    )
-
-
-def _weights(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
-    """Return JOINT=W as pairs."""
-    weights = []
-    for text in texts:
-        joint, _, number = text.partition("=")
-        try:
-            weights.append((joint, float(number)))
-        except ValueError:
-            raise UsageError(f"--weight {text} should be JOINT=W, such as RFoot=2") from None
-    return tuple(weights)
-
-
-def _clip(options: argparse.Namespace) -> tuple[int, int] | None:
-    """Return what `--frames` says."""
-    try:
-        return parse_frames(options.frames) if options.frames else None
-    except ValueError as error:
-        raise UsageError(str(error)) from None
+def _write_any_text() -> None:
+    """Let a terminal or pipe that lacks a letter show its number, in place of a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _log_to_standard_error(*, quiet: bool, verbose: bool) -> None:
     """Let our modules speak on standard error, a line a message."""
+    of_flows = logging.DEBUG if verbose else logging.INFO
     of_stages = logging.INFO if verbose else logging.WARNING
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))
-    for name, level in (("flows", logging.INFO), ("tasks", of_stages)):
+    for name, level in (("flows", of_flows), ("tasks", of_stages)):
         logger = logging.getLogger(name)
         logger.handlers[:] = [handler]
         logger.setLevel(logging.ERROR if quiet else level)

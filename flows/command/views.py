@@ -9,6 +9,13 @@ from pathlib import Path
 
 from flows.command import printing
 
+_DIRECTION = {"azimuth": 30.0, "elevation": 12.0, "orbit": 0.0}
+"""Where a view is from: two angles [deg], and turns over a film. Chosen by eye."""
+_LARGEST = 1_000_000_000
+"""The largest number that an option may have. Longer ones mean nothing, and fill the screen."""
+_SHOWN = 40
+"""How much of such a number is shown [characters]."""
+
 
 def add_render_options(command: argparse.ArgumentParser) -> None:
     """Add what `shosa render` understands."""
@@ -18,14 +25,14 @@ def add_render_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--frame", type=int, metavar="N", help="of a still; default the middle")
     command.add_argument("--frames", metavar="START-END", help="of a film; default the whole take")
     command.add_argument(
-        "--azimuth", type=float, default=30.0, metavar="DEGREES",
+        "--azimuth", type=float, metavar="DEGREES",
         help="from where: 0 from +Z, 90 from +X (default 30)",
     )  # fmt: skip
     command.add_argument(
-        "--elevation", type=float, default=12.0, metavar="DEGREES", help="above the horizon"
+        "--elevation", type=float, metavar="DEGREES", help="above the horizon (default 12)"
     )
     command.add_argument(
-        "--orbit", type=float, default=0.0, metavar="TURNS", help="times around, over a film"
+        "--orbit", type=float, metavar="TURNS", help="times around, over a film (default 0)"
     )
     command.add_argument("--camera", metavar="NAME", help="look from this camera of the capture")
     command.add_argument("--size", default="960x720", metavar="WxH")
@@ -42,23 +49,46 @@ def render(options: argparse.Namespace, clip: tuple[int, int] | None) -> None:
     """
     from tasks.rendering.views import CameraPath, render_take
 
-    found = re.fullmatch(r"(\d+)x(\d+)", options.size)
+    found = re.fullmatch(r"([0-9]{2,4})x([0-9]{2,4})", options.size)
     if not found or not (16 <= int(found[1]) <= 8192 and 16 <= int(found[2]) <= 8192):
-        raise ValueError(f"--size {options.size} should be WxH, such as 960x720")
-    if not all(map(math.isfinite, (options.azimuth, options.elevation, options.orbit))):
-        raise ValueError("--azimuth, --elevation and --orbit should be numbers")
-    if options.frame is not None and options.frame < 0:
-        raise ValueError(f"--frame {options.frame} should be 0 or more")
+        raise ValueError(
+            f"--size {options.size[:_SHOWN]} should be WxH, such as 960x720, each from 16 to 8192"
+        )
+    if options.frame is not None and not 0 <= options.frame <= _LARGEST:
+        raise ValueError(
+            f"--frame {str(options.frame)[:_SHOWN]} should be 0 or more, and {_LARGEST:,} at most"
+        )
+    _check_together(options)
     frames = (options.frame, options.frame) if options.frame is not None else clip
     path = CameraPath(
-        math.radians(options.azimuth), math.radians(options.elevation), options.orbit,
+        math.radians(_DIRECTION["azimuth"] if options.azimuth is None else options.azimuth),
+        math.radians(_DIRECTION["elevation"] if options.elevation is None else options.elevation),
+        _DIRECTION["orbit"] if options.orbit is None else options.orbit,
         options.camera,
-    )  # fmt: skip
+    )
     said = render_take(
         options.archive, options.take, options.file, frames=frames, path=path,
         size=(int(found[1]), int(found[2])), color=options.color, tell=_progress(),
     )  # fmt: skip
     printing.say(said)
+
+
+def _check_together(options: argparse.Namespace) -> None:
+    """Refuse numbers that are none, and options that mean nothing together, with a ValueError."""
+    given = [name for name in _DIRECTION if getattr(options, name) is not None]
+    if any(not abs(getattr(options, name)) <= _LARGEST for name in given):
+        raise ValueError(
+            f"--azimuth, --elevation and --orbit should be numbers, up to {_LARGEST:,}"
+        )
+    if options.camera is not None and given:
+        raise ValueError(f"--camera is a place to look from: leave out --{', --'.join(given)}")
+    if options.frame is not None and options.frames is not None:
+        raise ValueError("--frame is of a still and --frames of a film: leave out one of them")
+    is_film = Path(options.file).suffix.lower() == ".mp4"
+    if is_film and options.frame is not None:
+        raise ValueError("--frame is of a still; a film is of --frames START-END")
+    if not is_film and options.orbit:
+        raise ValueError("--orbit is of a film, and a still has one place: give --azimuth")
 
 
 def export_voxels_or_segment(

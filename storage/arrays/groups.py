@@ -1,6 +1,8 @@
 """Arrays of a take in and out of Zarr, as labelled xarray datasets."""
 
 import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,8 @@ import xarray
 from numpy.typing import NDArray
 from zarr.errors import UnstableSpecificationWarning
 
+from storage.arrays.published import PublishedFiles
+from storage.errors import ArchiveError
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
 from storage.schema import JOINTS, SPACE
@@ -93,8 +97,46 @@ def write_group(
         )
 
 
-def open_group(place: Place, folder: str, group: str) -> xarray.Dataset:
-    """Return a group of the version in `folder`, its arrays read when they are used."""
-    store = zarr_store(place, folder, read_only=True)
-    with told(f"read {place.url(folder)}"):
+def open_group(
+    place: Place,
+    folder: str,
+    group: str,
+    files: Mapping[str, Mapping[str, Any]] | None = None,
+) -> xarray.Dataset:
+    """Return a group of the version in `folder`, its arrays read when they are used.
+
+    Parameters
+    ----------
+    files
+        What its record says of its files, by which they are compared; None before it has one.
+
+    Raises
+    ------
+    ArchiveError
+        If it is damaged; reading its arrays may raise it too.
+    """
+    with opening(place, folder):
+        store = open_store(place, folder, files)
         return xarray.open_zarr(store, group=group, consolidated=False, chunks=None)
+
+
+def open_store(place: Place, folder: str, files: Mapping[str, Mapping[str, Any]] | None) -> Any:
+    """Return the version in `folder` as a store that Zarr reads; `files` as of `open_group`."""
+    if files is None:
+        return zarr_store(place, folder, read_only=True)
+    return PublishedFiles(place, folder, files)
+
+
+@contextmanager
+def opening(place: Place, folder: str) -> Iterator[None]:
+    """Turn what Zarr says of groups that are missing or no groups into an ArchiveError."""
+    with told(f"read {place.url(folder)}"):
+        try:
+            yield
+        except ArchiveError:
+            raise
+        except (FileNotFoundError, KeyError, TypeError, ValueError) as error:
+            raise ArchiveError(
+                f"{place.url(folder)} cannot be opened ({' '.join(str(error).split())}); "
+                f"`shosa verify` names what is damaged of take {folder.split('/')[1]!r}"
+            ) from error

@@ -1,7 +1,7 @@
 """The index on disk: one plain array a take, opened by a search without decompressing or copying.
 
     index/<take>/<version>.<format>.npy    float32 (row, sample), mapped into memory on a disk
-    index/<take>/<version>.<format>.json   its SHA-256, for `verify`
+    index/<take>/<version>.<format>.json   whose array it is, its shape and its checks
 
 What the rows mean is the business of `tasks.retrieval.normalization`; `PACKING` counts up
 whenever they change, so that arrays of an older shosa are rebuilt and never misread.
@@ -9,12 +9,15 @@ whenever they change, so that arrays of an older shosa are rebuilt and never mis
 
 import io
 import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
+import google_crc32c
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import ArchiveError
-from storage.places import Place, read_file, write_file
+from storage.places import Place, check_regular, read_file, told, write_file
 from storage.provenance import digest_bytes
 
 PACKING = 1
@@ -25,14 +28,28 @@ def search_array_path(take: str, version: str) -> str:
     return f"index/{take}/{version}.{PACKING}.npy"
 
 
+@dataclass(frozen=True)
+class _Label:
+    """What stands beside a search array: whose it is, and what tells that it is whole."""
+
+    take: str
+    version: str
+    shape: list[int]
+    sha256: str
+    """Of the file. `verify` recomputes it."""
+    crc32c: int
+    """Of the values. It is recomputed whenever they are searched, as fast as they are read."""
+
+
 def write_search_array(place: Place, take: str, version: str, rows: NDArray[np.float32]) -> str:
     """Write the packed rows (row, sample) of a version; return their SHA-256."""
-    content = io.BytesIO()
-    np.lib.format.write_array(content, np.ascontiguousarray(rows), allow_pickle=False)
+    values = np.ascontiguousarray(rows, np.float32)
+    content = io.BytesIO(_head(values.shape) + values.tobytes())
     digest = digest_bytes(content.getbuffer())
+    label = _Label(take, version, list(values.shape), digest, _check(values))
     path = search_array_path(take, version)
     write_file(place, path, content.getvalue())
-    write_file(place, _digest_path(path), json.dumps({"sha256": digest}).encode())
+    write_file(place, _label_path(path), json.dumps(asdict(label)).encode())
     return digest
 
 
@@ -42,24 +59,20 @@ def open_search_array(place: Place, take: str, version: str) -> NDArray[np.float
     Raises
     ------
     ArchiveError
-        If they are missing or damaged; `shosa index` makes them anew.
+        If they are missing, damaged or of another take; `shosa index` makes them anew.
     """
-    path = search_array_path(take, version)
     try:
-        if place.folder:
-            rows = np.load(place.folder / path, mmap_mode="r", allow_pickle=False)
-        else:
-            content = io.BytesIO(read_file(place, path))
-            rows = np.lib.format.read_array(content, allow_pickle=False)
+        label = _read_label(place, take, version)
+        rows = _open_rows(place, search_array_path(take, version), (label.shape[0], label.shape[1]))
     except FileNotFoundError as error:
-        raise ArchiveError(
-            f"take {take!r} has no search array; run `shosa index` on the archive"
-        ) from error
-    except (ValueError, EOFError) as error:
+        raise ArchiveError(_missing(take)) from error
+    except ValueError as error:
         raise ArchiveError(
             f"the search array of take {take!r} is damaged ({error}); "
             "run `shosa index` on the archive"
         ) from error
+    if _check(rows) != label.crc32c:
+        raise ArchiveError(_changed(take))
     return rows
 
 
@@ -70,18 +83,82 @@ def verify_search_array(
 
     It is compared with `digest`, or where that is None with the one written beside the array.
     """
-    path = search_array_path(take, version)
     try:
-        expected = digest or json.loads(read_file(place, _digest_path(path)))["sha256"]
-        found = digest_bytes(read_file(place, path))
+        label = _read_label(place, take, version)
+        content = read_file(place, search_array_path(take, version))
+        whole = digest_bytes(content) == label.sha256 == (digest or label.sha256)
+        if whole:
+            open_search_array(place, take, version)
     except FileNotFoundError:
-        return [f"take {take!r} has no search array; run `shosa index` on the archive"]
-    except (ValueError, KeyError, TypeError):
-        expected, found = "", "unreadable"
-    if found != expected:
-        return [f"the search array of take {take!r} has changed; run `shosa index` on the archive"]
-    return []
+        return [_missing(take)]
+    except ValueError as error:
+        return [f"the search array of take {take!r} has changed ({error}); {_ADVICE}"]
+    return [] if whole else [_changed(take)]
 
 
-def _digest_path(path: str) -> str:
+_ADVICE = "run `shosa index` on the archive"
+
+
+def _missing(take: str) -> str:
+    return f"take {take!r} has no search array; {_ADVICE}"
+
+
+def _changed(take: str) -> str:
+    return f"the search array of take {take!r} has changed; {_ADVICE}"
+
+
+def _read_label(place: Place, take: str, version: str) -> _Label:
+    """Return what stands beside the search array of a version; ValueError if it is another's."""
+    content = read_file(place, _label_path(search_array_path(take, version)))
+    try:
+        label = _Label(**json.loads(content))
+    except (ValueError, TypeError, RecursionError):
+        raise ValueError("it is of an older shosa, or the file beside it is damaged") from None
+    if (label.take, label.version) != (take, version):
+        raise ValueError(f"it is that of take {label.take!r}, version {label.version}")
+    if not isinstance(label.shape, list) or [*map(type, label.shape)] != [int, int]:
+        raise ValueError(f"its shape is said to be {label.shape!r}")
+    if min(label.shape) < 1:
+        raise ValueError(f"its shape is said to be {label.shape}")
+    return label
+
+
+def _open_rows(place: Place, path: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the values of a search array of that shape; ValueError where the file has another."""
+    head = _head(shape)
+    size = len(head) + 4 * shape[0] * shape[1]
+    if place.folder:
+        with told(f"read {place.url(path)}"):
+            file = check_regular(place.folder / path)
+            found, begin = file.stat().st_size, _first_bytes(file, len(head))
+            if (found, begin) == (size, head):
+                return np.memmap(file, np.float32, "r", offset=len(head), shape=shape)
+    else:
+        content = read_file(place, path)
+        found, begin = len(content), content[: len(head)]
+        if (found, begin) == (size, head):
+            return np.frombuffer(content, np.float32, offset=len(head)).reshape(shape)
+    if found != size:
+        raise ValueError(f"it has {found} bytes where {size} are wanted")
+    raise ValueError(f"its head is not that of float32 values {shape}")
+
+
+def _first_bytes(file: Path, count: int) -> bytes:
+    with file.open("rb") as opened:
+        return opened.read(count)
+
+
+def _head(shape: tuple[int, ...]) -> bytes:
+    """Return the head of the .npy file of float32 values of that shape."""
+    head = io.BytesIO()
+    about = {"descr": "<f4", "fortran_order": False, "shape": tuple(shape)}
+    np.lib.format.write_array_header_1_0(head, about)
+    return head.getvalue()
+
+
+def _check(values: NDArray[np.float32]) -> int:
+    return google_crc32c.value(values.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
+
+
+def _label_path(path: str) -> str:
     return path.removesuffix(".npy") + ".json"

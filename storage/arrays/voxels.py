@@ -22,7 +22,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from storage.arrays.groups import open_group, write_group
+from storage.arrays.groups import open_group, open_store, opening, write_group
 from storage.formats.calibration.camera import Camera
 from storage.places import Place, told, zarr_store
 from storage.provenance import Provenance
@@ -172,9 +172,11 @@ def write_voxels(
             list(pool.map(fill, parts))
 
 
-def open_silhouettes(place: Place, folder: str) -> xarray.DataArray:
-    """Return `(time, camera, row, column)` bool, read when it is used."""
-    dataset = open_group(place, folder, "silhouettes")
+def open_silhouettes(
+    place: Place, folder: str, files: Mapping[str, Mapping[str, Any]] | None = None
+) -> xarray.DataArray:
+    """Return `(time, camera, row, column)` bool, read when it is used; `files` as `open_group`."""
+    dataset = open_group(place, folder, "silhouettes", files)
     return dataset["silhouette"].assign_coords(camera=dataset.attrs["cameras"])
 
 
@@ -245,10 +247,12 @@ def read_occupied(voxels: zarr.Group, frame: int) -> xarray.DataArray:
     return xarray.DataArray(occupied, dims=SPACE, coords=axes, name="occupied")
 
 
-def open_voxels(place: Place, folder: str) -> zarr.Group:
-    """Return the group `voxels` of the version in `folder`."""
-    with told(f"read {place.url(folder)}"):
-        store = zarr_store(place, folder, read_only=True)
+def open_voxels(
+    place: Place, folder: str, files: Mapping[str, Mapping[str, Any]] | None = None
+) -> zarr.Group:
+    """Return the group `voxels` of the version in `folder`; `files` as of `open_group`."""
+    with opening(place, folder):
+        store = open_store(place, folder, files)
         return zarr.open_group(store, path="voxels", mode="r", use_consolidated=False)
 
 

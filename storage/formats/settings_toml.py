@@ -9,12 +9,11 @@ method = "paper"
 What the tables may hold is known by `tasks.settings`.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from storage.errors import InputError
-from storage.formats.reading import read_bytes
+from storage.formats.toml_text import NotTomlError, read_toml
 
 SETTINGS_FILE = "digitize.toml"
 """The settings of one capture, in its folder."""
@@ -32,17 +31,10 @@ def read_settings_tables(path: Path) -> dict[str, Any]:
     InputError
         If it is no file, cannot be read, is far too long, or is no TOML.
     """
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} is no regular file; bring {_WANTED}")
-    if path.is_file() and path.stat().st_size > _MOST_BYTES:
-        raise InputError(f"{path} is longer than {_MOST_BYTES:,} bytes; bring {_WANTED}")
-    data = read_bytes(path, _WANTED)
     try:
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not in UTF-8 ({error.reason}); bring {_WANTED}") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path} is no TOML ({error}); bring {_WANTED}") from error
+        return read_toml(path, _WANTED, most=_MOST_BYTES)
+    except NotTomlError as error:
+        raise InputError(f"{path} is no TOML ({error.reason}); bring {_WANTED}") from error
 
 
 def read_capture_settings(folder: Path) -> dict[str, Any]:

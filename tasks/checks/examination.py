@@ -1,5 +1,6 @@
 """Examine a capture before it is digitized: files, silhouettes, and a picture per camera."""
 
+import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,8 @@ class Examination:
     agreement: Agreement
     notes: tuple[str, ...]
     pictures: tuple[Path, ...]
+    unwritten: str = ""
+    """Why there are no pictures, where they could not be written."""
 
 
 def examine_captures(
@@ -55,8 +58,11 @@ def examine_captures(
         Called with each line of a report, and with what is wrong with files.
     """
     good = True
-    for folder in map(Path, folders):
-        own = into / folder.resolve().name if into and len(folders) > 1 else into
+    names = _names_apart([Path(folder).resolve() for folder in folders])
+    for folder, name in zip(map(Path, folders), names, strict=True):
+        own = Path(f"{name}-doctor")
+        if into:
+            own = into / name if len(folders) > 1 else into
         try:
             found = examine_capture(folder, own)
         except InputError as error:
@@ -66,7 +72,27 @@ def examine_captures(
         for line in report_lines(found):
             report(line)
         good = good and not found.agreement.faults
+        if found.unwritten:
+            say(f"shosa: {found.unwritten}")
+            good = good and into is None  # nobody asked for the usual place
     return good
+
+
+def _names_apart(folders: Sequence[Path]) -> list[str]:
+    """Return a name a folder, no two alike, even where capitals are not told apart."""
+    names: list[str] = []
+    taken: set[str] = set()
+    for folder in folders:
+        wished = (folder.name, f"{folder.parent.name}-{folder.name}".strip("-"))
+        numbered = (f"{folder.name}-{number}" for number in range(2, len(folders) + 2))
+        name = next(each for each in (*wished, *numbered) if _alike(each) not in taken)
+        taken.add(_alike(name))
+        names.append(name)
+    return names
+
+
+def _alike(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def examine_capture(folder: Path, into: Path | None = None) -> Examination:
@@ -99,8 +125,15 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
         silhouettes, projection_of(capture.cameras), grid_of(capture), names
     )
     notes = _gain_notes(names, gains)
-    pictures = _draw(capture, frames, silhouettes, into)
-    return Examination(capture, agreement, (*agreement.notes, *notes), pictures)
+    pictures, unwritten = (), ""
+    try:
+        pictures = _draw(capture, frames, silhouettes, into)
+    except OSError as error:
+        unwritten = (
+            f"the pictures cannot be written into {into} ({error.strerror or error}); name a "
+            "folder that can be written by --out"
+        )
+    return Examination(capture, agreement, (*agreement.notes, *notes), pictures, unwritten)
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -120,7 +153,10 @@ def report_lines(found: Examination) -> list[str]:
         )
     lines += [f"note: {note}" for note in (*capture.notes, *found.notes)]
     lines += [f"BAD {fault}" for fault in agreement.faults]
-    lines.append(f"pictures: {found.pictures[0].parent}")
+    if found.pictures:
+        lines.append(f"pictures: {found.pictures[0].parent}")
+    else:
+        lines.append("pictures: none, they could not be written")
     if not agreement.faults:
         lines.append("ok")
     return lines

@@ -28,8 +28,20 @@ LEAST_STATURE_M = 0.5
 """The least stature that is human. A newborn child is as long; no dancer is smaller."""
 GREATEST_STATURE_M = 2.6
 """The greatest stature that is human. Chosen well above any performer; not measured."""
+LIKELY_STATURE_M = (0.8, 2.1)
+"""The statures that are likely where the unit is inferred: from a child that begins to walk to a
+very tall man. A unit outside is taken only where none is inside."""
+SMALLEST_GIVEN_M, LARGEST_GIVEN_M = 0.1, 10.0
+"""The statures that a given scale may make. Dolls and giants may be meant; what is beyond is a
+slip."""
 _LEG_OF_STATURE = 0.5
 """A leg from hip to ankle over the stature [share]. Drillis and Contini (1966) give 0.491."""
+_NEAR_FLOOR_M = 0.25
+"""How far the lowest point of a body may be from the floor's zero. Chosen: a marker is a few
+centimetres above it, and what rolls on the floor of a generated dance goes below it."""
+_LYING_M = 0.9
+"""Lower than this the highest point of a lying body is, in the median. Chosen: a child of 0.9 m
+stands as high, a grown body that lies or crouches stays lower."""
 _FRAMES_LOOKED_AT = 400  # enough for a median of the body's size, and quick
 
 AXES: dict[str, Positions] = {
@@ -54,42 +66,63 @@ def find_unit(
     """Return the metres in one unit, notes, and faults (a clause each).
 
     The unit is the one given (`scale`), else the one that the file states, else that of
-    `UNITS` which brings the body nearest to `stature_m` (by default 1.65 m), in log ratio.
+    `UNITS` which brings the body nearest to `stature_m`, in log ratio. Where no stature is given,
+    the units that make a body of a likely stature go before the others, the nearest to 1.65 m is
+    taken, and what the body would be in the others of them is said.
 
     Parameters
     ----------
     raw : (time, marker, 3) float64
         In the file's unit.
     """
-    if scale is not None:
-        return scale, [f"One unit is {scale:g} m, as given."], []
     few = raw[:: max(1, len(raw) // _FRAMES_LOOKED_AT)]
+    if scale is not None:
+        size = _measure_body(place_joints(few * scale, choice))
+        return _given_scale(scale, size)
     sizes = {unit_m: _measure_body(place_joints(few * unit_m, choice)) for unit_m, _ in UNITS}
+    low, high = LIKELY_STATURE_M
+    seen = [unit_m for unit_m, size in sizes.items() if size > 0]
+    likely = [unit_m for unit_m in seen if low <= sizes[unit_m] <= high]
     wanted = stature_m or TYPICAL_STATURE_M
-    fits = {unit_m: abs(math.log(size / wanted)) for unit_m, size in sizes.items() if size > 0}
-    nearest = min(fits, key=lambda unit_m: fits[unit_m], default=None)
+    fits = {unit_m: abs(math.log(sizes[unit_m] / wanted)) for unit_m in seen}
+    candidates = seen if stature_m else likely or seen
+    nearest = min(candidates, key=lambda unit_m: fits[unit_m], default=None)
     unit_m = motion.unit_m or nearest
     if unit_m is None:
         fault = "it does not say its unit, and no leg shows the size of the body"
         return math.nan, [], [f"{fault}: give the metres in one unit with --scale"]
     size = _measure_body(place_joints(few * unit_m, choice))
-    name = dict(UNITS).get(nearest or 0.0, "")
+    names = dict(UNITS)
     if not math.isnan(size) and not LEAST_STATURE_M <= size <= GREATEST_STATURE_M:
-        other = f"; in {name} it would be {sizes[nearest]:.3g} m" if nearest else ""
-        other = "" if nearest == unit_m else other
-        return (
-            unit_m,
-            [],
-            [
-                f"with {unit_m:.4g} m in one unit the body is {size:.3g} m tall, where "
-                f"{LEAST_STATURE_M} to {GREATEST_STATURE_M} m is human{other}: give the metres "
-                "in one unit with --scale"
-            ],
+        other = f"; in {names[nearest]} it would be {sizes[nearest]:.3g} m" if nearest else ""
+        fault = (
+            f"with {unit_m:.4g} m in one unit the body is {size:.3g} m tall, where "
+            f"{LEAST_STATURE_M} to {GREATEST_STATURE_M} m is human"
+            f"{'' if nearest == unit_m else other}: give the metres in one unit with --scale"
         )
+        return unit_m, [], [fault]
     if motion.unit_m is not None:
         return unit_m, [], []
-    note = f"The unit was taken to be {name} ({unit_m:.4g} m): so the body is {size:.2f} m tall."
-    return unit_m, [note], []
+    others = [
+        f"in {names[other]} it would be {sizes[other]:.2f} m, which --scale {other:.4g} says"
+        for other in likely
+        if other != unit_m and stature_m is None
+    ]
+    said = f"The unit was taken to be {names[unit_m]} ({unit_m:.4g} m): so the body is {size:.2f} m"
+    return unit_m, [f"{'; '.join([f'{said} tall', *others])}."], []
+
+
+def _given_scale(scale: float, size: float) -> tuple[float, list[str], list[str]]:
+    """Return a given unit, a note, and a fault where the body cannot be meant."""
+    if math.isnan(size) or LEAST_STATURE_M <= size <= GREATEST_STATURE_M:
+        return scale, [f"One unit is {scale:g} m, as given."], []
+    if SMALLEST_GIVEN_M <= size <= LARGEST_GIVEN_M:
+        return scale, [f"One unit is {scale:g} m, as given. So the body is {size:.3g} m tall."], []
+    fault = (
+        f"with the given {scale:g} m in one unit the body is {size:.3g} m tall: give another "
+        "--scale, or none"
+    )
+    return scale, [], [fault]
 
 
 def _measure_body(position: Positions) -> float:
@@ -110,17 +143,27 @@ def _measure_body(position: Positions) -> float:
 
 
 def find_up(
-    position: Positions, motion: MotionFile, *, up: str | None = None
+    position: Positions,
+    motion: MotionFile,
+    *,
+    up: str | None = None,
+    rest: Positions | None = None,
 ) -> tuple[str, list[str]]:
     """Return the axis that points up, and notes: given, stated, or along which the body stands.
 
-    A BVH file's Y is a custom rather than a statement: there a body that clearly stands along
-    another axis, in the median over the take, is believed.
+    What a C3D file says of its screen is believed. A BVH file's Y is a custom rather than a
+    statement: a body that clearly stands along another axis, in the median over the take, is
+    believed, if its skeleton stands along that axis too, or its feet are at the zero of that axis,
+    or it does not lie on the floor of Y. So a body that lies is not stood up. Where a file says
+    nothing, the body stands, unless its feet are not at zero then and it lies on the floor along
+    Y or Z. Both readings are said.
 
     Parameters
     ----------
     position : (time, 21, 3) float64
-        The joints, in the file's axes.
+        The joints, in metres, in the file's axes.
+    rest : (1, 21, 3) float64, optional
+        The joints of a BVH file while nothing is turned.
     """
     if up is not None:
         return up, [f"{up.upper()} points up, as given."]
@@ -129,26 +172,79 @@ def find_up(
         if motion.up is not None:
             return motion.up, []
         return "y", ["Y was taken to point up: no head and no feet show it."]
-    axis = int(np.argmax(np.abs(body)))
-    inferred = ("-" if body[axis] < 0 else "") + "xyz"[axis]
-    others = np.delete(np.abs(body), axis).max()
-    clear = abs(body[axis]) > 2 * others
+    inferred, clear = _axis_along(body)
     if motion.up is None:
-        doubt = "" if clear else ", though not by much: --up overrules it"
-        return inferred, [
-            f"{inferred.upper()} was taken to point up: the body stands along it{doubt}."
-        ]
+        return _infer_up(position, inferred, clear=clear, c3d=motion.source == "c3d")
     if inferred == motion.up or not clear:
         return motion.up, []
     if motion.source == "bvh":  # that Y is up is only a custom there
-        return inferred, [
-            f"{inferred.upper()} was taken to point up, not Y as is usual: the body stands "
-            "along it; --up overrules it."
-        ]
+        return _doubt_custom(position, inferred, rest)
     return motion.up, [
         f"{motion.up.upper()} points up as the file says, but the body stands along "
         f"{inferred.upper()}: --up overrules it."
     ]
+
+
+def _axis_along(body: Positions) -> tuple[str, bool]:
+    """Return the axis nearest to a direction, and whether it is much nearer than the others."""
+    axis = int(np.argmax(np.abs(body)))
+    others = np.delete(np.abs(body), axis).max()
+    return ("-" if body[axis] < 0 else "") + "xyz"[axis], bool(abs(body[axis]) > 2 * others)
+
+
+def _infer_up(
+    position: Positions, inferred: str, *, clear: bool, c3d: bool
+) -> tuple[str, list[str]]:
+    """Return the axis that points up in a file that says nothing, and a note."""
+    floors = [axis for axis in ("zy" if c3d else "yz") if _lies_on_floor(position, axis)]
+    if clear and floors and inferred not in floors and not _stands_on_floor(position, inferred):
+        return floors[0], [
+            f"{floors[0].upper()} was taken to point up: so the body lies on the floor. If it "
+            f"stands, {inferred.upper()} points up, which --up {inferred} says."
+        ]
+    doubt = "" if clear else ", though not by much: --up overrules it"
+    return inferred, [f"{inferred.upper()} was taken to point up: the body stands along it{doubt}."]
+
+
+def _doubt_custom(
+    position: Positions, inferred: str, rest: Positions | None
+) -> tuple[str, list[str]]:
+    """Return the axis that points up in a BVH file whose body stands along another than Y."""
+    skeleton = None if rest is None else _stand_along(rest)
+    standing, clear = (None, False) if skeleton is None else _axis_along(skeleton)
+    agrees = clear and standing == inferred
+    usual = _lies_on_floor(position, "y") or (clear and standing == "y")
+    if agrees or not usual or _stands_on_floor(position, inferred):
+        return inferred, [
+            f"{inferred.upper()} was taken to point up, not Y as is usual: the body stands "
+            "along it; --up overrules it. If the body lies, Y points up, which --up y says."
+        ]
+    return "y", [
+        f"Y was taken to point up, as is usual: so the body lies along {inferred.upper()}. If it "
+        f"stands, {inferred.upper()} points up, which --up {inferred} says."
+    ]
+
+
+def _stands_on_floor(position: Positions, axis: str) -> bool:
+    """Tell whether the lowest point of a body that stands along an axis is at its zero."""
+    low, _ = _heights(position, axis)
+    return abs(low) <= _NEAR_FLOOR_M
+
+
+def _lies_on_floor(position: Positions, axis: str) -> bool:
+    """Tell whether a body is low, near the zero of an axis, and hardly ever stands along it."""
+    low, high = _heights(position, axis)
+    return abs(low) <= _NEAR_FLOOR_M and high <= _LYING_M
+
+
+def _heights(position: Positions, axis: str) -> tuple[float, float]:
+    """Return the lowest point of a take along an axis, and the median of its highest ones."""
+    heights = position[..., "xyz".index(axis[-1])] * (-1.0 if axis.startswith("-") else 1.0)
+    there = ~np.isnan(heights)
+    seen = there.any(axis=1)
+    low = np.where(there, heights, np.inf).min(axis=1)[seen]
+    high = np.where(there, heights, -np.inf).max(axis=1)[seen]
+    return float(np.percentile(low, 1)), float(np.median(high))
 
 
 def _stand_along(position: Positions) -> Positions | None:

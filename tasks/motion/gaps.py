@@ -29,8 +29,10 @@ def fill_gaps(track: NDArray[np.float64], longest: int) -> NDArray[np.float64]:
     longest
         The length, in frames, of the longest gap to fill.
     """
-    filled = track.copy()
     missing = np.isnan(track[..., 0])
+    if not missing.any():
+        return track
+    filled = track.copy()
     for marker in np.flatnonzero(missing.any(axis=0)):
         gaps = list(inner_runs(missing[:, marker]))
         edges = [(0, 0), *(gap for gap in gaps if gap[1] - gap[0] > longest)]

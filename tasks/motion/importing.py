@@ -38,6 +38,7 @@ from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_not
 from tasks.motion.gaps import fill_gaps, filter_low_pass
 from tasks.motion.marker_choice import Choice, choose_points, place_joints
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present, measure_stature
+from tasks.motion.strays import remove_strays
 from tasks.motion.virtual_joints import plan_points
 
 logger = logging.getLogger(__name__)
@@ -127,25 +128,35 @@ def make_joint_track(
         unit_m, unit_notes, unit_faults = find_unit(
             raw, choice, motion, scale=settings.scale, stature_m=settings.stature_m
         )
-        faults += unit_faults
+        faults += [] if choice.faults else unit_faults  # the size may hang on what is mapped
     if faults:
         raise InputError(f"{file_name} cannot be imported: {'; '.join(faults)}")
-    markers = sorted({marker for recipe in choice.recipes.values() for marker in recipe})
+    choice, markers = choice.alone()
+    names = tuple(motion.names[i] for i in markers)
     longest = math.floor(settings.longest_gap_s * motion.rate_hz + 1e-9)
-    measured = raw * unit_m
-    whole = measured.copy()
-    whole[:, markers] = fill_gaps(measured[:, markers], longest)
+    measured, stray_notes, faults = remove_strays(raw[:, markers] * unit_m, names, motion.rate_hz)
+    if stray_notes:  # what is left may be no body
+        faults += _joint_faults(place_joints(measured, choice), choice, motion)
+    if faults:
+        raise InputError(f"{file_name} cannot be imported: {'; '.join([*faults, *stray_notes])}")
+    whole = fill_gaps(measured, longest)
     position = place_joints(whole, choice)
-    filled = np.isfinite(position[..., 0]) & np.isnan(place_joints(measured, choice)[..., 0])
-    up, up_notes = find_up(position, motion, up=settings.up)
-    position = position @ AXES[up].T
+    filled = np.isfinite(position[..., 0])
+    filled &= False if whole is measured else np.isnan(place_joints(measured, choice)[..., 0])
+    gap_notes = list(_gap_notes(measured, whole, names, longest))
+    del measured, whole  # of a long take they are large
+    rest = None if motion.rest is None else place_joints(motion.rest[None, markers], choice)
+    up, up_notes = find_up(position, motion, up=settings.up, rest=rest)
+    if up != "y":
+        position = position @ AXES[up].T
     notes = [
         *motion.notes,
         *_joint_notes(choice, position),
         *choice.notes,
         *unit_notes,
         *up_notes,
-        *_gap_notes(measured, whole, markers, motion, longest),
+        *stray_notes,
+        *gap_notes,
         *side_notes(position),
     ]
     if settings.low_pass_hz is not None:
@@ -180,6 +191,8 @@ def _check_settings(settings: ImportSettings) -> None:
 
 
 def _without_infinite(position: Positions) -> Positions:
+    if position.size and np.isfinite(position.max()) and np.isfinite(position.min()):
+        return position  # a long take is not copied for nothing
     whole = np.isfinite(position).all(axis=2, keepdims=True)
     return np.where(whole, position, np.nan)
 
@@ -255,27 +268,23 @@ def _joint_notes(choice: Choice, position: Positions) -> Iterator[str]:
 
 
 def _gap_notes(
-    measured: Positions,
-    whole: Positions,
-    markers: list[int],
-    motion: MotionFile,
-    longest: int,
+    measured: Positions, whole: Positions, names: tuple[str, ...], longest: int
 ) -> Iterator[str]:
     """Say which gaps were filled, and which were too long for it."""
     before, after = np.isnan(measured[..., 0]), np.isnan(whole[..., 0])
-    count = int((before & ~after).sum())
-    if count:
-        names = [motion.names[i] for i in markers if (before & ~after)[:, i].any()]
+    gone = before & ~after
+    if gone.any():
+        said = [name for name, one in zip(names, gone.any(axis=0), strict=True) if one]
         yield (
-            f"Gaps of up to {longest} frames were filled by a cubic spline: {count} frames of "
-            f"{', '.join(names)}."
+            f"Gaps of up to {longest} frames were filled by a cubic spline: {gone.sum()} frames of "
+            f"{', '.join(said)}."
         )
-    left = {motion.names[i]: int(after[:, i].sum()) for i in markers if after[:, i].any()}
-    if left:
-        said = ", ".join(f"{name} {frames}" for name, frames in left.items())
-        longer = max((e - s for i in markers for s, e in inner_runs(after[:, i])), default=0)
+    if after.any():
+        lost = [(name, after[:, i]) for i, name in enumerate(names) if after[:, i].any()]
+        said = [f"{name} {missing.sum()}" for name, missing in lost]
+        longer = max((e - s for _, missing in lost for s, e in inner_runs(missing)), default=0)
         inner = f", the longest inside {longer} frames" if longer else ""
-        yield f"Frames still missing (long gaps and ends{inner}): {said}."
+        yield f"Frames still missing (long gaps and ends{inner}): {', '.join(said)}."
 
 
 def read_joint_track(path: Path, settings: ImportSettings) -> tuple[JointTrack, str]:

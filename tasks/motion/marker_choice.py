@@ -1,14 +1,15 @@
 """Choose the markers or bones of a file that give the points of the body."""
 
+import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.motion.marker_sets import MARKER_SETS, MarkerSet, bare_name
+from tasks.motion.marker_sets import MARKER_SETS, MarkerSet, bare_name, without_shared_prefixes
 from tasks.motion.virtual_joints import place_points, plan_points
 
 Recipe = tuple[int, ...]
@@ -31,6 +32,16 @@ class Choice:
         """The joints that the file gives, or that follow from what it gives."""
         have = set(self.recipes) | {rule.point for rule in plan_points(self.recipes)}
         return tuple(joint for joint in JOINTS if joint in have)
+
+    def alone(self) -> tuple["Choice", list[int]]:
+        """Return the choice among the chosen markers alone, and which those are."""
+        markers = sorted({marker for recipe in self.recipes.values() for marker in recipe})
+        place = {marker: at for at, marker in enumerate(markers)}
+        recipes = {
+            point: tuple(place[marker] for marker in recipe)
+            for point, recipe in self.recipes.items()
+        }
+        return replace(self, recipes=recipes), markers
 
 
 def choose_points(
@@ -79,27 +90,45 @@ def choose_points(
 
 def place_joints(position: NDArray[np.float64], choice: Choice) -> NDArray[np.float64]:
     """Return the 21 joints, (time, 21, 3), from the markers in metres."""
-    given = {point: position[:, recipe].mean(axis=1) for point, recipe in choice.recipes.items()}
+    given = {
+        # One marker alone is no copy: a take may be long.
+        point: position[:, recipe].mean(axis=1) if len(recipe) > 1 else position[:, recipe[0]]
+        for point, recipe in choice.recipes.items()
+    }
     points = place_points(given)
     missing = np.full((len(position), 3), np.nan)
     return np.stack([points.get(joint, missing) for joint in JOINTS], axis=1)
 
 
 def nearest_names(name: str, names: Sequence[str]) -> list[str]:
-    """Return up to three of `names` that look like `name`, whatever their case."""
+    """Return up to three of `names` that look like `name`, whatever their case.
+
+    Where none does, and a letter says as much as a word (kanji), up to eight that share one.
+    """
     folded = {other.casefold(): other for other in reversed(names)}
-    return [folded[near] for near in get_close_matches(name.casefold(), folded, n=3)]
+    near = get_close_matches(name.casefold(), folded, n=3)
+    if not near and not name.isascii():
+        near = get_close_matches(name.casefold(), folded, n=8, cutoff=0.3)
+    return [folded[other] for other in near]
 
 
 def _map_joints(
     names: Sequence[str], present: NDArray[np.bool_], mapping: Sequence[tuple[str, Sequence[str]]]
 ) -> tuple[dict[str, Recipe], list[str]]:
     """Return the markers of each mapped joint, and what is wrong with the mapping."""
-    exact = {name: i for i, name in reversed(list(enumerate(names)))}
-    bare = {bare_name(name): i for i, name in reversed(list(enumerate(names)))}
+    ways = (
+        [unicodedata.normalize("NFC", name) for name in names],
+        [bare_name(name) for name in names],
+        [bare_name(name) for name in without_shared_prefixes(names)],
+    )
+    place: dict[str, int] = {}
+    for way in ways:  # a name as it is spelt goes before one that is only like it
+        for i, name in enumerate(way):
+            place.setdefault(name, i)
     recipes, faults = {}, []
     for joint, markers in mapping:
-        found = [exact.get(marker, bare.get(bare_name(marker))) for marker in markers]
+        spelt = [unicodedata.normalize("NFC", marker) for marker in markers]
+        found = [place.get(marker, place.get(bare_name(marker))) for marker in spelt]
         for marker, i in zip(markers, found, strict=True):
             if i is None:
                 near = nearest_names(marker, names)
@@ -124,14 +153,11 @@ def _index_names(
     names: Sequence[str], members: Sequence[int], present: NDArray[np.bool_]
 ) -> dict[str, int]:
     """Return where each bare name stands, of equal names the first that is ever present."""
-    short = [names[i].rpartition(":")[2].strip() for i in members]
-    low, high = min(short, default=""), max(short, default="")
-    same = next((i for i, (a, b) in enumerate(zip(low, high, strict=False)) if a != b), 0)
-    shared = low[:same].rfind("_") + 1
+    short = without_shared_prefixes([names[i].rpartition(":")[2].strip() for i in members])
     index: dict[str, int] = {}
     for i, name in zip(members, short, strict=True):
-        if present[:, i].any() and bare_name(name[shared:]):
-            index.setdefault(bare_name(name[shared:]), i)
+        if name and present[:, i].any():
+            index.setdefault(bare_name(name), i)
     return index
 
 

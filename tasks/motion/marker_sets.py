@@ -8,10 +8,17 @@ for either side. Names are compared without case, punctuation and the performer'
 """
 
 import re
-from collections.abc import Mapping
+import unicodedata
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from storage.schema import JOINTS
+
+_FIRST_WORD = re.compile(r"[^\s._:-]+[\s._:-]+(?=\S)")
+_SHARED = 0.8
+"""The share of names that begin with a word which tells nothing. Chosen: sides share half of them,
+and a root or two may stand apart."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +33,34 @@ class MarkerSet:
 
 
 def bare_name(name: str) -> str:
-    """Return a name without prefix, case and punctuation, as the tables compare it."""
-    bare = re.sub(r"[^a-z0-9]", "", name.rpartition(":")[2].casefold())
-    return bare.removeprefix("mixamorig")
+    """Return a name without prefix, case and punctuation, as the tables compare it.
+
+    Letters of every script and their marks stay: a name without Latin letters is a name too.
+    """
+    bare = unicodedata.normalize("NFC", name.rpartition(":")[2]).casefold()
+    bare = "".join(letter for letter in bare if not _is_punctuation(letter))
+    return bare.removeprefix("mixamorig") or name.strip()
+
+
+def _is_punctuation(letter: str) -> bool:
+    """Tell whether a letter is no part of a name: punctuation, a space, a sign of ASCII."""
+    kind = unicodedata.category(letter)[0]
+    return kind in "PZC" or (kind == "S" and letter.isascii())
+
+
+def without_shared_prefixes(names: Sequence[str]) -> list[str]:
+    """Return names without the words that begin nearly all of them ("Bip01 L Thigh").
+
+    A word ends at a space or one of `.`, `_`, `:` and `-`. The root often has the word alone as
+    its name, or has another.
+    """
+    bare = list(names)
+    while True:
+        words = Counter(found[0] for name in bare if (found := _FIRST_WORD.match(name)))
+        word, count = next(iter(words.most_common(1)), ("", 0))
+        if count < 2 or count < _SHARED * len(bare):
+            return bare
+        bare = [name.removeprefix(word) for name in bare]
 
 
 def _marker_set(name: str, rows: dict[str, str], also: str = "") -> MarkerSet:
@@ -231,6 +263,72 @@ _SMPL = {
     "{R}ToeBase": "{R}Foot {Right}Foot {R}Toe",
 }
 
+_MAX_BIPED = {
+    "Head": "HeadNub HeadEnd",
+    "Skull": "Head",
+    "Neck": "Neck",
+    "Waist": "Spine",
+    "{R}Shoulder": "{R}UpperArm",
+    "{R}Elbow": "{R}Forearm",
+    "{R}Wrist": "{R}Hand",
+    "{R}Fin": "{R}Finger2Nub {R}Finger22End {R}Finger2End {R}Finger1Nub {R}Finger12End "
+    "{R}Finger1End {R}HandEnd",
+    "{R}Knuckle": "{R}Finger2 {R}Finger1",
+    "{R}Hip": "{R}Thigh",
+    "{R}Knee": "{R}Calf",
+    "{R}Ankle": "{R}Foot",
+    "{R}Foot": "{R}Toe0Nub {R}Toe0End {R}ToeBaseEnd {R}FootEnd",
+    "{R}ToeBase": "{R}Toe0 {R}ToeBase",
+}
+_ROKOKO = {
+    **_SPINE_BONES,
+    "Head": "HeadTip HeadTopEnd HeadEnd",
+    "Waist": "Spine1 Spine",
+    "{R}Shoulder": "{Right}Arm",
+    "{R}Elbow": "{Right}ForeArm",
+    "{R}Wrist": "{Right}Hand",
+    "{R}Fin": "{Right}Finger3Tip {Right}Finger3DistalEnd {Right}Finger2Tip "
+    "{Right}Finger2DistalEnd {Right}HandEnd",
+    "{R}Knuckle": "{Right}Finger3Proximal {Right}Finger2Proximal",
+    "{R}Hip": "{Right}Thigh",
+    "{R}Knee": "{Right}Shin",
+    "{R}Ankle": "{Right}Foot",
+    "{R}Foot": "{Right}ToeTip {Right}ToeEnd {Right}FootEnd",
+    "{R}ToeBase": "{Right}Toe",
+}
+_UNREAL = {
+    "Head": "HeadEnd",
+    "Skull": "Head",
+    "Neck": "Neck01 Neck",
+    "Waist": "Spine01",
+    "{R}Shoulder": "UpperArm{R}",
+    "{R}Elbow": "LowerArm{R}",
+    "{R}Wrist": "Hand{R}",
+    "{R}Fin": "Middle03{R}End Index03{R}End Hand{R}End",
+    "{R}Knuckle": "Middle01{R} Index01{R}",
+    "{R}Hip": "Thigh{R}",
+    "{R}Knee": "Calf{R}",
+    "{R}Ankle": "Foot{R}",
+    "{R}Foot": "Ball{R}End Foot{R}End",
+    "{R}ToeBase": "Ball{R}",
+}
+_RIGIFY = {
+    "Head": "Spine006End HeadEnd",
+    "Skull": "Spine006 Head",
+    "Neck": "Spine004 Neck",
+    "Waist": "Spine001",
+    "{R}Shoulder": "UpperArm{R}",
+    "{R}Elbow": "Forearm{R}",
+    "{R}Wrist": "Hand{R}",
+    "{R}Fin": "FMiddle03{R}End FIndex03{R}End Hand{R}End",
+    "{R}Knuckle": "FMiddle01{R} FIndex01{R}",
+    "{R}Hip": "Thigh{R}",
+    "{R}Knee": "Shin{R}",
+    "{R}Ankle": "Foot{R}",
+    "{R}Foot": "Toe{R}End Foot{R}End",
+    "{R}ToeBase": "Toe{R}",
+}
+
 MARKER_SETS: tuple[MarkerSet, ...] = (
     _marker_set("shosa", _JOINT_NAMES),
     _marker_set(
@@ -264,5 +362,15 @@ MARKER_SETS: tuple[MarkerSet, ...] = (
     _marker_set("OptiTrack bones", _OPTITRACK_BONES, "Hip Chest {R}Shoulder"),
     _marker_set("hip-knee-ankle bones", _BIPED_BONES, "Hips Chest2 {Right}Collar"),
     _marker_set("SMPL", _SMPL, "Pelvis Spine2 Spine3 {R}Collar"),
+    _marker_set("3ds Max Biped", _MAX_BIPED, "Pelvis Spine1 Spine2 {R}Clavicle {R}Finger0"),
+    _marker_set("Rokoko", _ROKOKO, "Hips Spine2 Spine3 Spine4 {Right}Shoulder"),
+    _marker_set(
+        "Unreal mannequin", _UNREAL, "Root Pelvis Spine02 Spine03 Clavicle{R} Thumb01{R} Ring01{R}"
+    ),
+    _marker_set(
+        "Blender Rigify",
+        _RIGIFY,
+        "Spine Spine002 Spine003 Spine005 Shoulder{R} Pelvis{R} Palm01{R}",
+    ),
 )
 """Every marker set, in the order in which equals are preferred."""

@@ -46,6 +46,9 @@ _COLUMNS = {
 }
 """The columns of a table of matches, those of a `Match` among them in its order."""
 
+_SHOWN = 80
+"""How much of a query that cannot be understood is shown [characters]. Chosen: a line."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -98,7 +101,8 @@ def answer_query(
     Raises
     ------
     InputError
-        If there is no archive, the query file cannot be used, or no take can hold a match.
+        If there is no archive, the query file cannot be used, or no take can be compared. That all
+        takes are too short is no error: nothing is found then.
     UnknownNameError
         If the query take is not there, or no take fits the pattern.
     ValueError
@@ -106,17 +110,18 @@ def answer_query(
     """
     begin = time.perf_counter()
     archive = open_archive(location)
-    records = archive.records()
+    records, damaged = archive.readable_records()
     query, asked = _find_query(archive, records, text, imported)
     searched = [r for r in records if takes is None or fnmatchcase(r.take, takes)]
-    if not searched:
+    skipped = {t: why for t, why in damaged.items() if takes is None or fnmatchcase(t, takes)}
+    if not searched and not skipped:
         raise UnknownNameError(_no_take(archive, records, takes))
-    packed, skipped = read_packed_takes(archive.place, searched)
+    packed, unopened = read_packed_takes(archive.place, searched)
     found = search_takes(query, packed, settings)
-    skipped.update(found.skipped)
-    if len(skipped) == len(searched):
+    skipped |= unopened | found.skipped
+    if not found.too_short and not {record.take for record in searched} - skipped.keys():
         reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
-        raise InputError(f"none of the {len(searched)} takes can be compared ({reasons})")
+        raise InputError(f"none of the {len(skipped)} takes can be compared ({reasons})")
     compared = [record for record in searched if record.take not in skipped]
     return Answer(
         query=asked,
@@ -215,7 +220,8 @@ def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
         return name, parse_frames(frames)
     except ValueError:
         raise ValueError(
-            f"the frames of {text!r} should be START-END, such as {name}:400-560"
+            f"the frames of the query {text[:_SHOWN]!r} should be START-END, such as "
+            f"{name[:_SHOWN]}:400-560"
         ) from None
 
 

@@ -11,6 +11,7 @@ from storage import open_archive
 from storage.arrays.groups import open_group
 from storage.arrays.search import verify_search_array, write_search_array
 from storage.publication import version_folder
+from storage.records import read_record
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.normalization import pack_motion
 
@@ -20,7 +21,9 @@ logger = logging.getLogger(__name__)
 def index_take(archive: str, take: str, version: str) -> str:
     """Write the packed array of one version of a take; return its SHA-256."""
     place = open_archive(archive).place
-    motion = open_group(place, version_folder(take, version), "motion")
+    record = read_record(place, take)
+    files = record.files if record and record.version == version else None  # not published yet
+    motion = open_group(place, version_folder(take, version), "motion", files)
     stature_m = motion.attrs["stature_m"]
     rows = pack_motion(
         motion["position"].values,

@@ -10,7 +10,7 @@ beyond the paper.
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -29,11 +29,13 @@ from tasks.retrieval.normalization import (
     OTHER_SIDE,
     PARTS,
     PATH_ROWS,
+    ROWS,
     SHOULDER_ROWS,
     clip_samples,
     frame_of_sample,
     mirror_rows,
     pack_motion,
+    sample_count,
 )
 from tasks.retrieval.warping import Clip, select_matches, shortest_match, warm_up, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
@@ -41,6 +43,9 @@ from tasks.retrieval.weighting import SearchSettings, joint_weights
 _UPPER_JOINTS = {*PARTS["arms"], *PARTS["head"]}
 _SHOULDERS = tuple(JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
 _HIPS = tuple(JOINTS.index(name) for name in ("RHip", "LHip"))
+_REQUESTS_AT_ONCE = 16
+"""How many search arrays are fetched from an object store at a time. Chosen; it answers slowly, and
+many at once."""
 _PIECE = 1 << 12
 """How many samples a piece of a take has at least. A longer take is cut for several threads."""
 _PIECE_IN_QUERIES = 16
@@ -97,6 +102,8 @@ class Found:
     """By distance, then take, then start."""
     skipped: dict[str, str]
     """Why a take could not be compared, by its name."""
+    too_short: frozenset[str] = frozenset()
+    """Those of them that are whole, and in which no match can be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +189,7 @@ def search_takes(
     versions = _versions(query, weights, mirror=settings.mirror)
     searched: list[tuple[PackedTake, list[tuple[Clip, bool]]]] = []
     skipped: dict[str, str] = {}
+    too_short: set[str] = set()
     compared = np.zeros(len(JOINTS), bool)
     for take in takes:
         common = [(v, (v.weights > 0) & v.joints_present & take.joints_present) for v in versions]
@@ -189,6 +197,8 @@ def search_takes(
         why = _why_not(query, take, settings.steps, shoulders=shoulders, in_common=in_common)
         if why:
             skipped[take.name] = why
+            if in_common and _is_too_short(query, take, settings.steps):
+                too_short.add(take.name)
             continue
         clips = []
         for version, joints in common:
@@ -201,7 +211,7 @@ def search_takes(
         _check_query(query, compared, shoulders=shoulders, path=settings.path_weight > 0)
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
     matches.sort(key=lambda match: (match.distance, match.take, match.start))
-    return Found(matches[: settings.top], skipped)
+    return Found(matches[: settings.top], skipped, frozenset(too_short))
 
 
 def _versions(query: Query, weights: NDArray[np.float32], *, mirror: bool) -> list[_Version]:
@@ -217,17 +227,22 @@ def _why_not(
     query: Query, take: PackedTake, steps: str, *, shoulders: bool, in_common: bool
 ) -> str | None:
     """Return why a take cannot be searched, or None."""
-    shortest = shortest_match(query.rows.shape[1], steps)
     if not in_common:
         return "it has no joint with weight that the query has too"
     if shoulders and not take.joints_present[list(_SHOULDERS)].all():
         return "it lacks a shoulder, and the arms and head are compared from the shoulders"
-    if take.rows.shape[1] < shortest:
+    if _is_too_short(query, take, steps):
+        shortest = shortest_match(query.rows.shape[1], steps)
         return (
             f"it is too short: {take.rows.shape[1] / INDEX_RATE_HZ:.1f} s, and the shortest "
             f"match of this query has {shortest / INDEX_RATE_HZ:.1f} s"
         )
     return None
+
+
+def _is_too_short(query: Query, take: PackedTake, steps: str) -> bool:
+    """Say whether a take is shorter than every match of the query."""
+    return take.rows.shape[1] < shortest_match(query.rows.shape[1], steps)
 
 
 def _clip(
@@ -350,28 +365,39 @@ def _search_take(
 
 
 def read_packed_takes(
-    place: Place, records: Iterable[Record]
+    place: Place, records: Sequence[Record]
 ) -> tuple[list[PackedTake], dict[str, str]]:
-    """Return the packed arrays of takes, mapped and not read, and which could not be opened.
+    """Return the packed arrays of takes, mapped on a disk, and which could not be opened.
 
     Returns
     -------
     packed
-        In the order of `records`.
+        In the order of `records`; each is known to be that of its take, and whole.
     skipped
         Why, by the name of the take: it has no motion, or its search array is missing or damaged.
     """
-    packed: list[PackedTake] = []
-    skipped: dict[str, str] = {}
-    for record in records:
-        if "motion" not in record.stages:
-            skipped[record.take] = f"take {record.take!r} has no motion, only voxels"
-            continue
-        present = np.array([joint in record.joints_present for joint in JOINTS])
-        try:
-            rows = open_search_array(place, record.take, record.version)
-        except ArchiveError as error:
-            skipped[record.take] = str(error)
-            continue
-        packed.append(PackedTake(record.take, rows, record.rate_hz, record.frames, present))
-    return packed, skipped
+    if place.folder:
+        found = [_open_packed(place, record) for record in records]
+    else:
+        with ThreadPoolExecutor(_REQUESTS_AT_ONCE) as pool:
+            found = list(pool.map(lambda record: _open_packed(place, record), records))
+    packed = [each for each in found if isinstance(each, PackedTake)]
+    named = zip(records, found, strict=True)
+    return packed, {record.take: each for record, each in named if isinstance(each, str)}
+
+
+def _open_packed(place: Place, record: Record) -> PackedTake | str:
+    """Return the packed array of a take, or why it cannot be searched."""
+    if "motion" not in record.stages:
+        return f"take {record.take!r} has no motion, only voxels"
+    try:
+        rows = open_search_array(place, record.take, record.version)
+    except ArchiveError as error:
+        return str(error)
+    if rows.shape != (ROWS, sample_count(record.frames, record.rate_hz)):
+        return (
+            f"the search array of take {record.take!r} has shape {rows.shape}, which is not that "
+            "of its motion; run `shosa index` on the archive"
+        )
+    present = np.array([joint in record.joints_present for joint in JOINTS])
+    return PackedTake(record.take, rows, record.rate_hz, record.frames, present)

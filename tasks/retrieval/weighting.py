@@ -1,6 +1,5 @@
 """What a search compares, and how much each joint counts (retrieval paper, section 3.4)."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -12,6 +11,12 @@ from storage.schema import JOINTS
 from tasks.engine.settings import Count, NotNegative, Positive
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.warping import STEPS
+
+GREATEST_WEIGHT = 1e6
+"""The greatest weight of a joint. Beside one of 1 it leaves nothing of all the others; far greater
+ones leave the numbers of single precision, and nothing would be found."""
+LEAST_WEIGHT = 1e-6
+"""The least weight above zero. Chosen, as the inverse of the greatest."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +69,18 @@ def _faults(settings: SearchSettings, joints: Sequence[str]) -> Iterable[str]:
     for name, weight in settings.weights:
         if name not in joints:
             yield f"there is no joint {name!r}; {_nearest(name, joints)}"
-        if not 0 <= weight < math.inf:
-            yield f"the weight of {name} is {weight}; give a number from 0 up"
+        if weight != 0 and not LEAST_WEIGHT <= weight <= GREATEST_WEIGHT:
+            yield (
+                f"the weight of {name} is {weight}; give a number from 0 up to "
+                f"{GREATEST_WEIGHT:,.0f}, and above 0 at least {LEAST_WEIGHT:g}"
+            )
     if settings.steps not in STEPS:
         yield f"there are no steps {settings.steps!r}; {_nearest(settings.steps, STEPS)}"
-    if not 0 <= settings.path_weight < math.inf:
-        yield f"the path weight is {settings.path_weight}; give a number from 0 up"
+    if not 0 <= settings.path_weight <= GREATEST_WEIGHT:
+        yield (
+            f"the path weight is {settings.path_weight}; give a number from 0 up to "
+            f"{GREATEST_WEIGHT:,.0f}"
+        )
     if settings.threshold is not None and not settings.threshold > 0:
         yield f"the threshold is {settings.threshold}; give a distance above 0"
     if settings.top < 1:

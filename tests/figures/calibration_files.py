@@ -201,3 +201,20 @@ def write_matrices(folder, cameras, *, suffix=".xml", factor=-2.5):
             numbers = f'<?xml version="1.0" encoding="UTF-8" ?>\n<camera>\n{numbers}\n</camera>\n'
         (folder / f"{camera.name}{suffix}").write_text(numbers)
     return folder
+
+
+def write_surrey(folder, cameras, *, orders=1, rows_first=True):
+    """Metres; the ends of rows and columns, then lens, distortion, rotation and translation."""
+    lines = [f"{len(cameras)} {orders}"]
+    for camera in cameras:
+        rows, columns = f"0 {camera.height - 1}", f"0 {camera.width - 1}"
+        lines.append(f"{rows} {columns}" if rows_first else f"{columns} {rows}")
+        k = camera.intrinsics
+        lines.append(" ".join(repr(float(v)) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
+        bent = np.pad(camera.distortion, (0, 5 - len(camera.distortion)))[[0, 1, 4]]
+        lines.append(" ".join(repr(float(v)) for v in bent[:orders]))
+        lines += [" ".join(repr(float(v)) for v in row) for row in camera.rotation]
+        lines.append(" ".join(repr(float(v)) for v in camera.translation))
+    path = folder / "calibration.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path

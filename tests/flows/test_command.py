@@ -1,7 +1,9 @@
 """Tests of the command line: every sub-command's help, real runs, and wrong use."""
 
+import io
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -293,11 +295,29 @@ WRONG_USE = {
     "show": (["show", "A", "radi"], "did you mean radio"),
     "frames": (["export", "A", "radio", "out.trc", "--frames", "5"], "should be START-END"),
     "hours": (["gc", "A", "--older-than", "-1"], "should be hours, 0 or more"),
+    "many hours": (["gc", "A", "--older-than", "1e300"], "should be hours, 0 or more, and 878,400"),
+    "many frames": (["export", "A", "radio", "out.trc", "--frames", "0-" + "9" * 5000],
+                    r"frames '0-9{38}\.\.\.' should be START-END"),
+    "long clip": (["search", "A", "okuri48:0-" + "9" * 5000], "9{60,80}' should be START-END"),
+    "heavy": (["search", "A", "okuri48", "--weight", "RFoot=1e300"], "give a number from 0 up to"),
+    "light": (["search", "A", "okuri48", "--weight", "RFoot=1e-300"], "give a number from 0 up to"),
+    "path": (["search", "A", "okuri48", "--path-weight", "1e300"], "path weight is 1e.300; give"),
+    "twice": (["search", "A", "okuri48", "--weight", "RFoot=1", "--weight", "RFoot=2"],
+              "RFoot has a weight already"),
+    "scale of a take": (["search", "A", "okuri48", "--scale", "0"], "is a take; leave it out"),
+    "scale": (["search", "A", "a.trc", "--scale", "nan"], "--scale nan should be a number above 0"),
+    "flow": (["search", "A", "okuri", "--flow"], "has no take 'okuri'; did you mean okuri4"),
+    "flow's part": (["search", "A", "okuri48", "--flow", "--part", "x"], "there is no part 'x'"),
+    "scale of files": (["ingest", "A", ".", "--scale", "nan"], "--scale nan should be a number"),
+    "low pass": (["ingest", "A", ".", "--low-pass", "-1"], "--low-pass -1 should be a number"),
+    "pictures": (["doctor", "--out", "x"], "--out is for pictures of captures; name a capture"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", WRONG_USE)
-def test_wrong_use_is_one_sentence_and_exit_code_2(archive, capsys, case):
+def test_wrong_use_is_one_sentence_and_exit_code_2(archive, capsys, monkeypatch, case):
+    for module in ("flows.ingestion", "flows.searching"):
+        monkeypatch.setitem(sys.modules, module, None)  # Prefect is not started for it
     arguments, message = WRONG_USE[case]
     code, out, err = run(capsys, *[archive if each == "A" else each for each in arguments])
     assert code == 2
@@ -335,11 +355,120 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_nothing_half_written(small_di
     assert open_archive(location).takes() == []
 
 
-def test_a_query_longer_than_every_take_can_hold_is_said(archive, capsys, tmp_path, write_walk):
+def test_a_query_longer_than_every_take_finds_nothing_and_says_why(
+    archive, capsys, tmp_path, write_walk
+):
     long = write_walk(tmp_path / "long.trc", frames=400)
-    code, _, err = run(capsys, "search", archive, long)
+    code, out, err = run(capsys, "search", archive, long)
+    assert (code, out) == (0, "")
+    assert len(re.findall("^not compared: .*: it is too short", err, re.MULTILINE)) == 4
+    assert "0 matches in 0 takes; searched 0 takes" in err
+
+
+def test_bad_input_is_said_before_prefect_starts(archive, capsys, tmp_path, monkeypatch):
+    for module in ("flows.ingestion", "flows.indexing", "flows.searching"):
+        monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").touch()
+    for arguments, message in (
+        (["ingest", archive, tmp_path / "none"], "none is not there"),
+        (["ingest", tmp_path / "full", tmp_path / "inbox"], "is not an archive and not empty"),
+        (["index", tmp_path / "full"], "is not an archive"),
+        (["search", archive, tmp_path / "none.trc", "--flow"], "none.trc is no file"),
+    ):
+        code, out, err = run(capsys, *arguments)
+        assert (code, out) == (3, ""), err
+        assert message in err
+        assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp932", "utf-8"])
+def test_a_terminal_without_the_letters_of_a_title_gets_their_numbers(
+    archive, monkeypatch, encoding
+):
+    name = "所作é"
+    [path] = Path(archive, "published", "okuri48").iterdir()
+    fields = json.loads(path.read_text())
+    del fields["sha256"]  # as a record of before
+    path.write_text(json.dumps({**fields, "metadata": {"title": name, "performer": name}}))
+    for command in ("takes", "show okuri48", "search okuri48:20-50", "path okuri48", "verify"):
+        for as_json in ([], ["--json"]):
+            words = command.split()
+            if as_json and words[0] in ("path", "verify"):
+                continue
+            streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding) for _ in range(2)]
+            monkeypatch.setattr(sys, "stdout", streams[0])
+            monkeypatch.setattr(sys, "stderr", streams[1])
+            code = main([words[0], archive, *words[1:], *as_json])
+            for stream in streams:
+                stream.flush()
+            out, err = (stream.buffer.getvalue().decode(encoding) for stream in streams)
+            assert code == (3 if command == "verify" else 0), err
+            if as_json:
+                assert name in json.dumps(json.loads(out), ensure_ascii=False) or "search" in words
+            elif words[0] == "show":
+                said = name.encode(encoding, "backslashreplace").decode(encoding)
+                assert out.count(said) == 2
+
+
+def test_a_damaged_record_is_said_and_the_other_takes_are_listed_and_searched(archive, capsys):
+    [path] = Path(archive, "published", "radio").iterdir()
+    path.write_text(path.read_text().replace('"frames": 83', '"frames": 82'))
+    code, out, err = run(capsys, "takes", archive)
     assert code == 3
-    assert re.search("none of the 4 takes can be compared .*too short", err)
+    assert len(out.splitlines()) == 4
+    assert "radio/000001.json is damaged (it is not what was published)" in err
+    code, out, err = run(capsys, "search", archive, "okuri48:20-50")
+    assert code == 0
+    assert "radio" not in out
+    assert re.search("not compared: radio: .*is damaged", err)
+    for command in (["show", archive, "radio"], ["search", archive, "radio"], ["verify", archive]):
+        code, out, err = run(capsys, *command)
+        assert code == 3
+        assert "is damaged" in out + err
+
+
+def test_a_damaged_take_is_not_exported(archive, capsys, tmp_path):
+    chunk = Path(open_archive(archive).take("radio").path, "motion/position/c/0/0/0")
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(data)
+    for suffix in ("trc", "c3d", "csv", "bvh"):
+        code, _, err = run(capsys, "export", archive, "radio", tmp_path / f"out.{suffix}")
+        assert code == 3
+        assert re.search("take 'radio' is damaged.*shosa verify", err)
+        assert err.count("\n") == 1
+        assert not (tmp_path / f"out.{suffix}").exists()
+
+
+def test_a_take_whose_record_was_lost_is_kept_until_it_is_asked_for(archive, capsys):
+    shutil.rmtree(Path(archive, "published", "radio"))
+    code, out, err = run(capsys, "gc", archive, "--older-than", "0")
+    assert (code, out) == (0, "")
+    assert re.search("takes/radio/.* has no record in published/.*copy sources/radio/.*--lost", err)
+    code, out, err = run(capsys, "verify", archive)
+    assert code == 3
+    assert "takes/radio/" in out
+    code, out, _ = run(capsys, "gc", archive, "--older-than", "0", "--lost")
+    assert code == 0
+    assert "takes/radio/" in out
+    assert run(capsys, "verify", archive)[0] == 0
+
+
+def test_what_no_one_foresaw_is_one_sentence_and_in_full_with_verbose(archive, capsys, monkeypatch):
+    def broken(_):
+        raise KeyError("x")
+
+    monkeypatch.setattr("flows.command.main.open_archive", broken)
+    code, _, err = run(capsys, "takes", archive)
+    assert code == 4
+    assert err == (
+        "shosa: this is a fault of the program (KeyError: 'x'); run it with --verbose and report "
+        "what it says\n"
+    )
+    code, _, err = run(capsys, "--verbose", "takes", archive)
+    assert code == 4
+    assert "in broken" in err
 
 
 def test_an_archive_of_a_newer_format_is_said(archive, capsys):

@@ -219,6 +219,24 @@ def test_what_the_body_was_measured_by_is_exported_with_a_picture(made, tmp_path
     assert len(list(file.parent.iterdir())) == 2
 
 
+def test_damaged_voxels_are_neither_drawn_nor_written(made, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(made, copy)
+    folder = copy / version_folder("okuri", "000001-a") / "voxels"
+    for array, harm in (("run_start", bytes), ("color", None), ("is_surface", bytes)):
+        [shard] = [path for path in (folder / array / "c").rglob("*") if path.is_file()]
+        whole = shard.read_bytes()
+        shard.unlink() if harm is None else shard.write_bytes(harm(len(whole)))
+        for command in (["render", "a.png"], ["render", "a.mp4"], ["export", "a.ply"]):
+            file = tmp_path / command[1]
+            assert main([command[0], str(copy), "okuri", str(file)]) == BAD_INPUT
+            err = capsys.readouterr().err
+            assert "take 'okuri' is damaged" in err
+            assert err.count("\n") == 1
+            assert not file.exists()
+        shard.write_bytes(whole)
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -234,6 +252,25 @@ def test_what_the_body_was_measured_by_is_exported_with_a_picture(made, tmp_path
         (["render", "A", "okuri", "a.png", "--azimuth", "nan"], WRONG_USE, "should be numbers"),
         (["render", "A", "okuri", "a.png", "--frame", "-1"], WRONG_USE, "should be 0 or more"),
         (["render", "A", "okurl", "a.png"], WRONG_USE, "did you mean okuri?"),
+        (["render", "A", "okuri", "a.png", "--orbit", "1"], WRONG_USE, "--orbit is of a film"),
+        (["render", "A", "okuri", "a.mp4", "--frame", "1"], WRONG_USE, "--frame is of a still"),
+        (
+            ["render", "A", "okuri", "a.png", "--frame", "1", "--frames", "0-1"],
+            WRONG_USE,
+            "leave out one of them",
+        ),
+        (
+            ["render", "A", "okuri", "a.png", "--camera", "cam1", "--azimuth", "3"],
+            WRONG_USE,
+            "leave out --azimuth",
+        ),
+        (["render", "A", "okuri", "a.png", "--frame", "9" * 99], WRONG_USE, "and 1,000,000,000 at"),
+        (["render", "A", "okuri", "a.mp4", "--orbit", "1e308"], WRONG_USE, "should be numbers, up"),
+        (
+            ["render", "A", "okuri", "a.png", "--size", "9" * 5000 + "x9"],
+            WRONG_USE,
+            "should be WxH",
+        ),
         (
             ["render", "A", "okuri", "none/a.png", "--size", "32x24"],
             BAD_INPUT,

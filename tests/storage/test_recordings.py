@@ -2,6 +2,8 @@
 
 import dataclasses
 import shutil
+import unicodedata
+from pathlib import Path
 
 import pytest
 
@@ -243,9 +245,116 @@ def test_bad_metadata_are_said(inbox, text, message):
         read_metadata(file)
 
 
-@pytest.mark.parametrize("stature", ['"tall"', "17", "-1.6", "nan"])
+def test_metadata_may_begin_with_a_byte_order_mark(archive, inbox):
+    file = inbox / "day1/walk.bvh"
+    text = '[take]\ntitle = "春の海"\nstature_m = 1.55\n'
+    file.with_suffix(".toml").write_text(text, encoding="utf-8-sig")
+    [recording] = plan(archive, file).recordings
+    assert (recording.metadata, recording.stature_m) == ({"title": "春の海"}, 1.55)
+
+
+def test_metadata_that_are_not_utf_8_are_refused_naming_their_encoding(inbox):
+    file = inbox / "day1/walk.bvh"
+    file.with_suffix(".toml").write_text('[take]\ntitle = "春の海"\n', encoding="cp932")
+    with pytest.raises(InputError, match=r"not in UTF-8 but looks like cp932 .*save it as UTF-8"):
+        read_metadata(file)
+
+
+@pytest.mark.parametrize("forms", [("NFC", "NFD"), ("NFD", "NFC")])
+def test_metadata_are_found_by_a_name_composed_in_another_way(inbox, forms):
+    motion, beside = (unicodedata.normalize(form, "ガメラ") for form in forms)
+    (inbox / f"{beside}.toml").write_text('[take]\nperformer = "TK"\n')
+    assert read_metadata(inbox / f"{motion}.bvh") == {"performer": "TK"}
+
+
+@pytest.mark.parametrize("stature", ['"tall"', "17", "-1.6", "nan", "true"])
 def test_an_impossible_stature_is_refused(archive, inbox, stature):
     file = inbox / "day1/walk.bvh"
     file.with_suffix(".toml").write_text(f"[take]\nstature_m = {stature}\n")
     planned = plan(archive, file)
     assert "should be a number of metres between 0.3 and 3" in planned.refusals[0].reason
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e999", "[1.0, -inf]"])
+def test_metadata_that_no_json_can_hold_are_refused_by_name(archive, inbox, value):
+    file = inbox / "day1/walk.bvh"
+    file.with_suffix(".toml").write_text(f"[take]\ntitle = 'x'\nheight = {value}\n")
+    [refusal] = plan(archive, file).refusals
+    assert "'height' in [take] of" in refusal.reason
+    assert "is not a finite number" in refusal.reason
+
+
+def test_metadata_with_a_byte_order_mark_are_read(archive, inbox):
+    file = inbox / "day1/walk.bvh"
+    file.with_suffix(".toml").write_text("[take]\r\ntitle = '春の海'\r\n", encoding="utf-8-sig")
+    [recording] = plan(archive, file).recordings
+    assert recording.metadata == {"title": "春の海"}
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["deep", "bigint", "nan"])
+def test_one_hostile_file_does_not_end_the_batch(shared_data, archive, inbox, name):
+    hostile = shared_data / "reports" / "hostile" / f"metadata-{name}.toml"
+    shutil.copy(hostile, inbox / "day1/walk.toml")
+    found = find_recordings([inbox])
+    planned = plan_takes(archive, found)
+    assert len(planned.recordings) + len(planned.notes) == len(found) - 1
+    [refusal] = planned.refusals
+    assert "walk.toml" in refusal.reason
+    assert not refusal.broken
+
+
+@pytest.mark.parametrize("error", [RecursionError, MemoryError, KeyError, TypeError])
+def test_whatever_is_raised_the_others_go_on(archive, inbox, monkeypatch, error):
+    def fail(file):
+        if file.name == "walk.bvh":
+            raise error("a fault of ours")
+        return read_metadata(file)
+
+    monkeypatch.setattr("storage.recordings.read_metadata", fail)
+    found = find_recordings([inbox])
+    planned = plan_takes(archive, found)
+    assert len(planned.recordings) > 0
+    assert all(refusal.broken for refusal in planned.refusals)
+    assert all(error.__name__ in refusal.reason for refusal in planned.refusals)
+    assert {Path(refusal.path).name for refusal in planned.refusals} == {"walk.bvh"}
+
+
+def test_true_is_no_stature(archive, inbox):
+    file = inbox / "day1/walk.bvh"
+    file.with_suffix(".toml").write_text("[take]\nstature_m = true\n")
+    assert "stature_m = True" in plan(archive, file).refusals[0].reason
+
+
+def test_captures_whose_films_lie_behind_links_are_two(archive, capture, tmp_path):
+    films = [shutil.copytree(capture / "videos", tmp_path / f"films{n}") for n in (1, 2)]
+    next(path for path in films[1].iterdir() if path.is_file()).write_bytes(b"another moment")
+    both = tmp_path / "both"
+    for name, target in zip("ab", films, strict=True):
+        linked = shutil.copytree(capture, both / name, ignore=lambda *_: ["videos"])
+        (linked / "videos").symlink_to(target)
+    planned = plan_takes(archive, find_recordings([both]))
+    assert len(planned.recordings) + len(planned.refusals) == 2  # not "the same, byte for byte"
+    assert planned.notes == []
+    before = digest_capture(both / "a")
+    next(path for path in films[0].iterdir() if path.is_file()).write_bytes(b"filmed anew")
+    assert digest_capture(both / "a") != before
+
+
+def test_links_that_lead_in_a_circle_are_walked_once(capture, tmp_path):
+    plain = digest_capture(capture)
+    (capture / "videos" / "again").symlink_to(capture, target_is_directory=True)
+    (capture / "self").symlink_to(capture / "self")
+    looped = digest_capture(capture)
+    assert looped != plain
+    assert digest_capture(capture) == looped
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "far.bvh").write_text("a motion far away")
+    (elsewhere / "back").symlink_to(tmp_path)
+    folder = tmp_path / "start"
+    folder.mkdir()
+    (folder / "link").symlink_to(elsewhere)
+    (folder / "twice").symlink_to(elsewhere)
+    found = [path for path in find_recordings([folder]) if path.name == "far.bvh"]
+    assert found == [folder / "link" / "far.bvh"]

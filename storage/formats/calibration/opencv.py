@@ -25,8 +25,11 @@ _USUAL: dict[str, tuple[str, ...]] = {
         *("distortion", "distortions", "distortioncoeffs", "distcoefficients"),
     ),
     "matrix": ("rot", "rotationmatrix", "rmat"),
-    "rotation": ("r", "rotation", "rvec", "rvecs", "rodrigues", "rotationvector"),
-    "translation": ("t", "translation", "tvec", "tvecs", "translationvector", "trans"),
+    "rotation": ("r", "rotation", "rvec", "rvecs", "rodrigues", "rotationvector", "rotationvalues"),
+    "translation": (
+        *("t", "translation", "tvec", "tvecs", "translationvector", "trans"),
+        "translationvalues",
+    ),
     "pose": ("rt", "extrinsic", "extrinsics", "extrinsicmatrix", "pose", "w2c", "worldtocamera"),
     "size": ("imagesize", "size", "resolution", "imgsize"),
     "width": ("imagewidth", "width", "w"),
@@ -39,6 +42,11 @@ _WANTED = (
     "camera_matrix (or K), distortion_coefficients (or D), R (or rvec) and T (or tvec), in a file "
     "or a table a camera, or with the camera's name behind each, as in K_cam1"
 )
+
+_LONGEST_NAME = 200
+"""How many letters a name has that is looked into. Chosen: more than any file's name may have."""
+_MOST_NAMES = 64
+"""How many names of a file are listed. Chosen: more than a file of one camera has."""
 
 Fields = dict[str, Any]
 
@@ -67,8 +75,9 @@ def read_opencv_calibration(path: Path, texts: dict[str, str]) -> Calibration:
         if not found:
             faults.append(
                 f"in {stem} there is no intrinsic matrix under a usual name: found are "
-                f"{listed([*entries]) or 'no names'}; wanted are {_WANTED}"
+                f"{_all_names(entries)}; wanted are {_WANTED}"
             )
+        faults += _pose_faults(stem, found, entries)
         for name in found.keys() & cameras.keys():
             faults.append(f"camera {name!r} comes in more than one file")
         cameras |= found
@@ -99,8 +108,7 @@ def read_easymocap(path: Path, intri: str, extri: str) -> Calibration:
         if some.keys() - others.keys()
     ]
     if not lenses:
-        found = listed([*inner]) or "no names"
-        faults.append(f"intri.yml has no K_<camera>: found are {found}")
+        faults.append(f"intri.yml has no K_<camera>: found are {_all_names(inner)}")
     if faults:
         refuse(path, faults)
     order = [name for name in names if name in lenses] or list(lenses)
@@ -119,6 +127,32 @@ def cameras_in(entries: dict[str, Any], stem: str) -> dict[str, Fields]:
     }
     behind = {name: whole | fields for name, fields in _by_suffix(entries, _names(entries)).items()}
     return {name: fields for name, fields in (tables | behind).items() if "intrinsics" in fields}
+
+
+def _pose_faults(stem: str, cameras: dict[str, Fields], entries: dict[str, Any]) -> list[str]:
+    """Return which cameras of a file have no rotation or translation, and the names there are."""
+    faults: list[str] = []
+    names = _all_names(entries)
+    for name, fields in cameras.items():
+        if "pose" in fields:
+            continue
+        lacking = [] if {"rotation", "matrix"} & fields.keys() else ["rotation"]
+        lacking += [] if "translation" in fields else ["translation"]
+        if lacking:
+            faults.append(
+                f"in {stem} camera {name!r} has no {' and no '.join(lacking)} under a usual name: "
+                f"found are {names}; wanted are {_WANTED}"
+            )
+    return faults
+
+
+def _all_names(entries: dict[str, Any]) -> str:
+    """Return every name of a file, those of a table behind its own."""
+    names: list[str] = []
+    for name, value in entries.items():
+        inside = [f"{name}/{each}" for each in value] if isinstance(value, dict) else []
+        names += inside or [name]
+    return listed([name[:40] for name in names], _MOST_NAMES) or "no names"
 
 
 def _names(entries: dict[str, Any]) -> list[str]:
@@ -146,6 +180,8 @@ def _by_suffix(entries: dict[str, Any], names: list[str]) -> dict[str, Fields]:
     """Return the fields of each camera whose name stands behind its keys."""
     groups: dict[str, dict[str, Any]] = {}
     for key, value in entries.items():
+        if len(key) > _LONGEST_NAME:
+            continue
         ends = [at for at, letter in enumerate(key) if letter == "_" and 0 < at < len(key) - 1]
         for at in reversed(ends):
             head, name = key[:at], key[at + 1 :]

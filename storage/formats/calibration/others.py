@@ -1,6 +1,8 @@
 """Calibrations of other programs: Qualisys, the Panoptic Studio, COLMAP."""
 
 import json
+import unicodedata
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -37,11 +39,21 @@ _COLMAP_MODELS: dict[str, tuple[str, ...]] = {
 }
 
 
-def read_qualisys(path: Path, root: Element) -> Calibration:
+def read_qualisys(path: Path, root: Element, filmed: Collection[str] = ()) -> Calibration:
     """Read the cameras of a Qualisys `.qca.txt`, those that film where some only see markers.
+
+    Cameras that have a film count, and those of models that do nothing but film; where no films
+    are known, those of all models that film.
 
     Focal lengths and centers are in 1/64 pixel (distortion has no unit), the rotation is written
     by column and goes from camera to world, positions are in millimetres.
+
+    Parameters
+    ----------
+    path, root
+        The file, and what it holds.
+    filmed
+        The names of the films there are, composed (NFC).
 
     Raises
     ------
@@ -50,11 +62,12 @@ def read_qualisys(path: Path, root: Element) -> Calibration:
     """
     notes: list[str] = []
     found = root.findall("./cameras/camera")
-    filming = [camera for camera in found if _films(camera)]
+    with_film = {id(camera) for camera in found if _serial(camera) in set(filmed)}
+    models = ("video", "none") if with_film else ("video", "hybrid", "none")
+    filming = [camera for camera in found if id(camera) in with_film or _is_of(camera, models)]
     if filming and len(filming) < len(found):
-        notes.append(
-            f"{len(found) - len(filming)} of the {len(found)} cameras see only markers: left out."
-        )
+        why = "have no film" if with_film else "see only markers"
+        notes.append(f"{len(found) - len(filming)} of the {len(found)} cameras {why}: left out.")
     parts = [_qualisys_parts(camera, notes) for camera in filming or found]
     return Calibration(build_cameras(path, parts), 0.001, None, "z", notes)
 
@@ -108,14 +121,18 @@ def read_colmap(path: Path, cameras: str, images: str) -> Calibration:
     return Calibration(build_cameras(path, found), None, None, None, [note])
 
 
-def _films(camera: Element) -> bool:
-    model = camera.get("model", "none").lower()
-    return "video" in model or model == "none"
+def _serial(camera: Element) -> str:
+    return unicodedata.normalize("NFC", camera.get("serial") or "?")
+
+
+def _is_of(camera: Element, models: Sequence[str]) -> bool:
+    """Return whether a camera's model says one of some words."""
+    return any(word in camera.get("model", "none").lower() for word in models)
 
 
 def _qualisys_parts(camera: Element, notes: list[str]) -> Parts:
     """Return the numbers of a camera, turned and in pixels of its image."""
-    name = camera.get("serial") or "?"
+    name = _serial(camera)
     fov, inner, pose = (camera.find(tag) for tag in ("fov_video", "intrinsic", "transform"))
     if inner is None or pose is None:
         lacks = "intrinsic" if inner is None else "transform"

@@ -1,7 +1,9 @@
 """What every reader of calibrations does in the same way: numbers to cameras, faults to words."""
 
 import math
+import unicodedata
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +18,10 @@ from storage.formats.reading import listed
 
 _MOST_FAULTS = 8
 """How many faults a message lists. Chosen: they fit a screen."""
+_LONGEST_FAULT = 3000
+"""How many letters of a fault are shown. One that lists all names of a file needs so many."""
+MOST_CAMERAS = 1000
+"""How many cameras a calibration may have. The largest studio that we know has 521."""
 _MOST_NUMBERS = 64
 """How many numbers of a distortion are read. Far more than any lens model has."""
 _ROUNDED = 0.01  # a rotation written with two digits is still taken for one
@@ -60,13 +66,17 @@ def build_cameras(path: Path, parts: Iterable[Parts]) -> list[Camera]:
     """
     cameras: list[Camera] = []
     faults: list[str] = []
+    parts = list(parts)
+    if len(parts) > MOST_CAMERAS:
+        refuse(path, [f"it has {len(parts):,} cameras, at most {MOST_CAMERAS:,} are read"])
     for part in parts:
+        # programs and file systems write one letter as one code or as two
+        part.name = unicodedata.normalize("NFC", part.name)
         try:
             cameras.append(_build(part))
         except ValueError as error:
             faults.append(f"camera {part.name!r}: {error}")
-    names = [camera.name for camera in cameras]
-    again = sorted({name for name in names if names.count(name) > 1})
+    again = sorted(name for name, n in Counter(c.name for c in cameras).items() if n > 1)
     if again:
         faults.append(f"{listed(again)} is the name of more than one camera; rename one")
     if not cameras and not faults:
@@ -83,7 +93,10 @@ def refuse(path: Path, faults: Sequence[str]) -> None:
 
 def some(faults: Sequence[str]) -> list[str]:
     """Return the first of many faults, each of bearable length, and how many there are more."""
-    shown = [fault if len(fault) <= 400 else f"{fault[:400]}..." for fault in faults[:_MOST_FAULTS]]
+    shown = [
+        fault if len(fault) <= _LONGEST_FAULT else f"{fault[:_LONGEST_FAULT]}..."
+        for fault in faults[:_MOST_FAULTS]
+    ]
     more = len(faults) - len(shown)
     return shown + ([f"and {more} more faults"] if more else [])
 

@@ -5,7 +5,9 @@ y-up world, in metres (`storage.formats.calibration.camera`).
 """
 
 import math
-from collections.abc import Sequence
+import os
+import unicodedata
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,8 @@ from storage.formats.calibration.matrices import WANTED as MATRIX_WANTED
 from storage.formats.calibration.matrices import read_matrices
 from storage.formats.calibration.opencv import read_easymocap, read_opencv_calibration
 from storage.formats.calibration.others import read_colmap, read_panoptic, read_qualisys
-from storage.formats.calibration.parts import Calibration, numbers_in, parse_xml
+from storage.formats.calibration.parts import MOST_CAMERAS, Calibration, numbers_in, parse_xml
+from storage.formats.calibration.surrey import is_surrey, read_surrey
 from storage.formats.calibration.toml import read_toml_calibration, write_calibration
 from storage.formats.reading import decode_text, listed, read_bytes
 
@@ -32,10 +35,14 @@ __all__ = [
 
 WANTED = (
     "a Pose2Sim or Anipose .toml, EasyMocap's intri.yml and extri.yml, an OpenCV .yml or .xml, a "
-    "Qualisys .qca.txt, a Panoptic .json, COLMAP's cameras.txt and images.txt, or a folder of "
-    "3x4 projection matrices"
+    "Qualisys .qca.txt, a Panoptic .json, COLMAP's cameras.txt and images.txt, Surrey's "
+    "calibration.txt, or a folder of 3x4 projection matrices"
 )
-_SUFFIXES = (".toml", ".yml", ".yaml", ".xml", ".txt", ".json", ".dat")
+SUFFIXES = (".toml", ".yml", ".yaml", ".xml", ".txt", ".json", ".dat", ".cal")
+_MOST_BYTES = 1 << 22
+"""Longest file of a calibration [bytes]. A thousand cameras have a few million, of any format."""
+_MOST_BYTES_OF_IMAGES = 1 << 27
+"""Longest images.txt of COLMAP [bytes]. It has a line with all points of each image."""
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _USUAL_DISTANCE_M = 4.0  # of a camera from the middle of a studio
 
@@ -47,6 +54,7 @@ def read_calibration(
     unit_m: float | None = None,
     center_m: Sequence[float] | None = None,
     distance_m: float = _USUAL_DISTANCE_M,
+    count_seeing: Callable[[Sequence[Camera]], int] | None = None,
 ) -> tuple[list[Camera], list[str]]:
     """Read the cameras of a calibration, in the order of the file.
 
@@ -65,6 +73,9 @@ def read_calibration(
         the cameras.
     distance_m : float
         How far from there cameras usually stand.
+    count_seeing : callable, optional
+        Returns how many of some cameras, in metres, see what they should: a unit under which fewer
+        of them do than under another is none.
 
     Returns
     -------
@@ -80,14 +91,18 @@ def read_calibration(
     """
     found = load_calibration(Path(path))
     cameras, _, notes = place_cameras(
-        path, found, up=up, unit_m=unit_m, center_m=center_m, distance_m=distance_m
-    )
+        path, found, up=up, unit_m=unit_m, center_m=center_m, distance_m=distance_m,
+        count_seeing=count_seeing,
+    )  # fmt: skip
     return cameras, notes
 
 
-def load_calibration(path: Path) -> Calibration:
-    """Read the cameras of a calibration in its own unit and axes; see `read_calibration`."""
-    return _read_folder(path) if path.is_dir() else _read_file(path)
+def load_calibration(path: Path, filmed: Collection[str] = ()) -> Calibration:
+    """Read the cameras of a calibration in its own unit and axes; see `read_calibration`.
+
+    Where a format has cameras that do not film, those called as one of `filmed` do.
+    """
+    return _read_folder(path, filmed) if path.is_dir() else _read_file(path, filmed)
 
 
 def place_cameras(
@@ -98,6 +113,7 @@ def place_cameras(
     unit_m: float | None = None,
     center_m: Sequence[float] | None = None,
     distance_m: float = _USUAL_DISTANCE_M,
+    count_seeing: Callable[[Sequence[Camera]], int] | None = None,
 ) -> tuple[list[Camera], float, list[str]]:
     """Return the cameras in metres and y up, the metres in a unit, and notes.
 
@@ -108,18 +124,32 @@ def place_cameras(
     cameras = [turn_y_up(camera, axis) for camera in found.cameras]
     unit_m = found.unit_m if unit_m is None else unit_m
     if unit_m is None:
-        unit_m, note = infer_unit(cameras, center_m, distance_m)
+        unit_m, note = infer_unit(cameras, center_m, distance_m, count_seeing)
         notes.append(note)
     return [scale_world(camera, unit_m) for camera in cameras], unit_m, notes
 
 
 def infer_unit(
-    cameras: Sequence[Camera], center_m: Sequence[float] | None, distance_m: float
+    cameras: Sequence[Camera],
+    center_m: Sequence[float] | None,
+    distance_m: float,
+    count_seeing: Callable[[Sequence[Camera]], int] | None = None,
 ) -> tuple[float, str]:
-    """Return the metres in one unit of a calibration that does not say them, and a note."""
+    """Return the metres in one unit of a calibration that does not say them, and a note.
+
+    Of the units under which most cameras see what they should, the one that puts them nearest to
+    the usual distance.
+    """
     centers = np.array([camera.center_m for camera in cameras])
     distances = {name: _distance(centers * unit_m, center_m) for name, unit_m in _UNITS.items()}
-    name = min(distances, key=lambda name: abs(math.log(distances[name] / distance_m)))
+    candidates = list(_UNITS)
+    if count_seeing is not None:
+        seeing = {
+            name: count_seeing([scale_world(camera, unit_m) for camera in cameras])
+            for name, unit_m in _UNITS.items()
+        }
+        candidates = [name for name in _UNITS if seeing[name] == max(seeing.values())]
+    name = min(candidates, key=lambda name: abs(math.log(distances[name] / distance_m)))
     middle = "the middle of the cameras" if center_m is None else "the volume's"
     if center_m is None and len(cameras) == 1:
         middle = "the origin"
@@ -171,7 +201,7 @@ def _choose_up(path: Path, found: Calibration, up: str | None, notes: list[str])
     return stated
 
 
-def _read_file(path: Path) -> Calibration:
+def _read_file(path: Path, filmed: Collection[str] = ()) -> Calibration:
     """Read a file, and the one that belongs to it, by what it holds."""
     for pair in (("intri.yml", "extri.yml"), ("cameras.txt", "images.txt")):
         if path.name in pair:
@@ -181,11 +211,13 @@ def _read_file(path: Path) -> Calibration:
     if bare.startswith("{"):
         found = read_panoptic(path, text)
     elif bare.startswith("<"):
-        found = _read_xml(path, text)
+        found = _read_xml(path, text, filmed)
     elif _is_opencv(path, bare):
         found = read_opencv_calibration(path, {path.stem: text})
     elif path.suffix.lower() == ".toml":
         found = read_toml_calibration(path, text)
+    elif is_surrey(text):
+        found = read_surrey(path, text)
     else:
         raise InputError(
             f"{path} is no calibration that can be read: its name ends in {path.suffix!r} and it "
@@ -195,12 +227,12 @@ def _read_file(path: Path) -> Calibration:
     return found
 
 
-def _read_xml(path: Path, text: str) -> Calibration:
+def _read_xml(path: Path, text: str, filmed: Collection[str]) -> Calibration:
     root = parse_xml(path, text, WANTED)
     if root.tag == "opencv_storage":
         return read_opencv_calibration(path, {path.stem: text})
     if root.find("./cameras/camera") is not None:
-        return read_qualisys(path, root)
+        return read_qualisys(path, root, filmed)
     if not len(root):
         raise InputError(
             f"{path} holds one camera; bring a folder with such a file a camera: {MATRIX_WANTED}"
@@ -210,7 +242,7 @@ def _read_xml(path: Path, text: str) -> Calibration:
 
 def _read_pair(folder: Path, pair: tuple[str, str]) -> Calibration:
     """Read two files that belong together."""
-    lacking = [name for name in pair if not (folder / name).is_file()]
+    lacking = [name for name in pair if not os.path.lexists(folder / name)]
     if lacking:
         raise InputError(
             f"{folder} has no {' and no '.join(lacking)}; {' and '.join(pair)} belong together"
@@ -222,13 +254,13 @@ def _read_pair(folder: Path, pair: tuple[str, str]) -> Calibration:
     return found
 
 
-def _read_folder(folder: Path) -> Calibration:
+def _read_folder(folder: Path, filmed: Collection[str]) -> Calibration:
     """Read a folder: of a pair of files, of one file, or of a file a camera."""
     try:
         files = sorted(
             file
             for file in folder.iterdir()
-            if file.suffix.lower() in _SUFFIXES and not file.name.startswith(".")
+            if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
         )
     except OSError as error:
         raise InputError(f"{folder} cannot be read ({error.strerror}); allow it") from error
@@ -238,6 +270,11 @@ def _read_folder(folder: Path) -> Calibration:
             return _read_pair(folder, pair)
     if not files:
         raise InputError(f"the folder {folder} holds no calibration; put there {WANTED}")
+    if len(files) > MOST_CAMERAS:
+        raise InputError(
+            f"the folder {folder} holds {len(files):,} files, where at most {MOST_CAMERAS:,} "
+            "cameras are read; keep there the files of one calibration only"
+        )
     texts = {file: _text(file)[0] for file in files}
     opencv = [file for file in files if _is_opencv(file, texts[file].lstrip())]
     stems = [file.stem for file in files]
@@ -248,8 +285,9 @@ def _read_folder(folder: Path) -> Calibration:
         )
     if len(opencv) == len(files):
         return read_opencv_calibration(folder, {file.stem: texts[file] for file in files})
-    if len(files) == 1 and not _is_matrix(files[0], texts[files[0]]):
-        return _read_file(files[0])
+    [first, *_] = texts.values()
+    if len(files) == 1 and (is_surrey(first) or not _is_matrix(files[0], first)):
+        return _read_file(files[0], filmed)
     others = [file.name for file in files if not _is_matrix(file, texts[file])]
     if others:
         raise InputError(
@@ -260,8 +298,10 @@ def _read_folder(folder: Path) -> Calibration:
 
 
 def _text(path: Path) -> tuple[str, list[str]]:
-    text, notes = decode_text(path, read_bytes(path, WANTED), WANTED)
-    return text, [note for note in notes if "UTF-8" in note]
+    most = _MOST_BYTES_OF_IMAGES if path.name == "images.txt" else _MOST_BYTES
+    text, notes = decode_text(path, read_bytes(path, WANTED, most=most), WANTED)
+    # programs write one letter of a camera's name as one code or as two
+    return unicodedata.normalize("NFC", text), [note for note in notes if "UTF-8" in note]
 
 
 def _is_opencv(path: Path, bare: str) -> bool:

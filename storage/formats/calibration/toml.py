@@ -5,7 +5,6 @@ Rodrigues vector), `translation`, `fisheye`. Ours says `unit` and `up` under [me
 """
 
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,12 @@ from storage.formats.calibration.parts import (
 )
 from storage.formats.motion.writing import write_beside
 from storage.formats.reading import METERS, listed
+from storage.formats.toml_text import parse_toml
 
 _WANTED = "a table a camera with size, matrix, distortions, rotation and translation"
+
+_CAMERA_KEYS = {"matrix", "distortions", "rotation", "translation"}
+"""A table with one of them is a camera, whole or not; one with none of them is something else."""
 
 
 def read_toml_calibration(path: Path, text: str) -> Calibration:
@@ -33,12 +36,13 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     InputError
         It is not TOML, has no camera, or a camera's numbers cannot be used.
     """
-    try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    tables = parse_toml(path, text, _WANTED)
     metadata = tables.pop("metadata", {})
-    found = {name: table for name, table in tables.items() if isinstance(table, dict)}
+    found = {
+        name: table
+        for name, table in tables.items()
+        if isinstance(table, dict) and not _CAMERA_KEYS.isdisjoint(table)
+    }
     if not any("matrix" in table for table in found.values()):
         names = listed([*tables]) if tables else "nothing"
         raise InputError(f"{path} has no camera: found are {names}; wanted is {_WANTED}")
@@ -51,7 +55,11 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     ]
     if faults:
         refuse(path, faults)
-    return Calibration(build_cameras(path, map(_parts, found, found.values())), unit_m, up)
+    others = [name for name, table in tables.items() if isinstance(table, dict | list)]
+    others = [name for name in others if name not in found]
+    notes = [f"The calibration has {listed(others)}, which is no camera: passed over."]
+    cameras = build_cameras(path, map(_parts, found, found.values()))
+    return Calibration(cameras, unit_m, up, notes=notes if others else [])
 
 
 def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
@@ -85,9 +93,9 @@ def _stated(metadata: dict[str, Any]) -> tuple[list[str], float | None, str | No
     """Return the faults, the unit and the axis that [metadata] names."""
     faults = []
     unit, up = metadata.get("unit"), metadata.get("up")
-    if unit is not None and unit not in METERS:
+    if unit is not None and not (isinstance(unit, str) and unit in METERS):
         faults.append(f"the unit {as_shown(unit)} is not known; write m, cm or mm")
-    if up is not None and up not in Y_UP_FROM:
+    if up is not None and not (isinstance(up, str) and up in Y_UP_FROM):
         faults.append(f"up = {as_shown(up)} is no axis; write one of {', '.join(Y_UP_FROM)}")
     return faults, None if faults or unit is None else METERS[unit], up
 

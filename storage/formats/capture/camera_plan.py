@@ -12,16 +12,20 @@ size_px = [1280, 720]          # columns, rows
 """
 
 import math
-import tomllib
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from storage.errors import InputError
+from storage.files import check_regular
 from storage.formats.calibration.camera import Camera
+from storage.formats.calibration.parts import MOST_CAMERAS
 from storage.formats.calibration.reading import read_calibration
 from storage.formats.capture.capture_toml import Volume
+from storage.formats.toml_text import read_toml
 
 USUAL_VOLUME = Volume((0.0, 1.0, 0.0), (2.0, 2.0, 2.0), 0.01)
 
@@ -50,13 +54,19 @@ def read_camera_plan(path: Path) -> tuple[list[Camera], Volume, list[str]]:
     faults: list[str] = []
     volume = _volume(tables.get("volume"), faults)
     if isinstance(tables.get("camera"), list):
+        if len(tables["camera"]) > MOST_CAMERAS:
+            raise InputError(
+                f"{path} has {len(tables['camera']):,} cameras, at most {MOST_CAMERAS:,} are read"
+            )
         cameras = [_camera(table, n, faults) for n, table in enumerate(tables["camera"], start=1)]
         if faults:
             raise InputError("\n".join([f"{path} is no plan:", *(f"- {each}" for each in faults)]))
         return [camera for camera in cameras if camera], volume, []
     if faults:
         raise InputError(f"{path} is no plan: {'; '.join(faults)}")
-    cameras, notes = read_calibration(path, center_m=volume.center_m)
+    cameras, notes = read_calibration(
+        path, center_m=volume.center_m, count_seeing=partial(_count_seeing, volume=volume)
+    )
     unsized = [camera.name for camera in cameras if camera.size is None]
     if unsized:
         raise InputError(f"{path} gives no image size for {', '.join(unsized)}; add it to plan")
@@ -68,11 +78,10 @@ def _tables(path: Path) -> dict[str, Any]:
     if path.suffix.lower() != ".toml":
         return {}
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        check_regular(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not TOML: {error}") from error
+    return read_toml(path, "tables `camera`, or a calibration")
 
 
 def _volume(table: Any, faults: list[str]) -> Volume:
@@ -116,7 +125,18 @@ def _camera(table: Any, number: int, faults: list[str]) -> Camera | None:
     inner = np.array(
         [[focal, 0.0, (columns - 1) / 2], [0.0, focal, (rows - 1) / 2], [0.0, 0.0, 1.0]]
     )
-    return Camera(name, (columns, rows), inner, np.zeros(0), rotation, -rotation @ position)
+    try:
+        return Camera(name, (columns, rows), inner, np.zeros(0), rotation, -rotation @ position)
+    except ValueError as error:
+        faults.append(f"camera {name[:40]!r}: {error}")
+        return None
+
+
+def _count_seeing(cameras: Sequence[Camera], volume: Volume) -> int:
+    """Return how many cameras see the volume, 0 where that cannot be said without their sizes."""
+    from storage.formats.capture.camera_views import count_seeing  # OpenCV: not for a plan by hand
+
+    return 0 if any(camera.size is None for camera in cameras) else count_seeing(cameras, volume)
 
 
 def _numbers(table: Any, key: str, count: int) -> list[float] | None:

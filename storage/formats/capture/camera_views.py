@@ -39,8 +39,15 @@ def share_seen(camera: Camera, volume: Volume) -> float:
     return float(inside.sum() / len(points))
 
 
+def count_seeing(cameras: Sequence[Camera], volume: Volume) -> int:
+    """Return how many cameras see the volume: none where all are far too far away, or within."""
+    if _distance_fault(cameras, volume, 1.0):
+        return 0
+    return sum(share_seen(camera, volume) >= _UNSEEN for camera in cameras)
+
+
 def view_faults(
-    cameras: Sequence[Camera], volume: Volume, unit_m: float
+    cameras: Sequence[Camera], volume: Volume, unit_m: float, *, assumed: bool = False
 ) -> tuple[list[float], list[str]]:
     """Return the share of the volume that each camera sees, and what is wrong.
 
@@ -52,11 +59,19 @@ def view_faults(
         What they should see.
     unit_m : float
         Metres in the unit that the calibration was read in, to say which would fit better.
+    assumed : bool
+        Whether nothing said that unit.
     """
+    unit = (
+        f"; the calibration does not say its unit and was read in {_called(unit_m)}: where that is "
+        "wrong, write unit under [video]"
+        if assumed
+        else ""
+    )
     shares = [share_seen(camera, volume) for camera in cameras]
     fault = _distance_fault(cameras, volume, unit_m)
     if fault:
-        return shares, [fault]
+        return shares, [fault + unit]
     blind = [camera.name for camera, share in zip(cameras, shares, strict=True) if share < _UNSEEN]
     if not blind:
         return shares, []
@@ -65,7 +80,12 @@ def view_faults(
         f"camera {listed(blind)} {sees} not see the volume around "
         f"{[round(value, 3) for value in volume.center_m]}; "
         f"{_hint(cameras, volume, shares) or 'correct [volume], or the calibration'}"
+        f"{unit}"
     ]
+
+
+def _called(unit_m: float) -> str:
+    return next((name for name, value in _UNITS.items() if value == unit_m), f"{unit_m:g} m")
 
 
 def _grid(volume: Volume) -> NDArray[np.float64]:

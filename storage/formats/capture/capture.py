@@ -5,9 +5,10 @@ a background, image sizes agree, frame counts agree, and the cameras look at the
 """
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,25 @@ import numpy as np
 
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
+from storage.formats.calibration.parts import Calibration
 from storage.formats.calibration.reading import load_calibration, place_cameras
-from storage.formats.capture.capture_toml import MARK, Volume, read_capture_toml
-from storage.formats.capture.footage import Footage, look_at_footage
+from storage.formats.capture.capture_files import (
+    FOLDERS,
+    files_of,
+    find_calibration,
+    unknown_folders,
+    unread_files,
+)
+from storage.formats.capture.capture_toml import MARK, CaptureSettings, Volume, read_capture_toml
+from storage.formats.capture.footage import (
+    Footage,
+    by_px,
+    footage_notes,
+    look_at_footage,
+    why_other_background,
+    why_unequal,
+)
 from storage.formats.capture.initial import read_initial
-from storage.formats.pictures.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from storage.formats.reading import listed
 
 COUNT_TOLERANCE_S = 0.1
@@ -27,8 +42,6 @@ COUNT_TOLERANCE_S = 0.1
 
 RATE_TOLERANCE = 0.01
 """Relative difference of frame rates that is taken for rounding (30 and 29.97)."""
-
-_PAIRS = ("intri.yml", "extri.yml", "cameras.txt", "images.txt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,24 +91,30 @@ def read_capture(folder: Path) -> Capture:
     notes: list[str] = []
     said = read_capture_toml(folder, faults, notes)
     volume = said.volume
-    path = _find_calibration(folder, faults)
-    cameras, unit_m = _cameras(path, said.up, said.unit_m, volume, faults, notes)
-    videos = _match("video", folder / "videos", cameras, faults, notes)
-    backgrounds = _match("background", folder / "background", cameras, faults, notes)
-    cameras = [_sized(camera, videos, faults, notes) for camera in cameras]
-    faults += _size_faults(cameras, videos, backgrounds)
+    notes += unknown_folders(folder)
+    path = find_calibration(folder, faults, notes)
+    films, pictures = (files_of(what, folder, faults) for what in ("video", "background"))
+    found = _load_cameras(path, films or {}, faults)
+    videos = _match("video", folder, films, found.cameras, faults, notes)
+    backgrounds = _match("background", folder, pictures, found.cameras, faults, notes)
+    notes += footage_notes({"video": videos, "background": backgrounds})
+    sized = [_sized(camera, videos, faults, notes) for camera in found.cameras]
+    faults += _size_faults(sized, videos, backgrounds)
+    cameras, unit_m = _place(path, replace(found, cameras=sized), said, faults, notes)
     fps = _rate(said.fps, videos, faults, notes)
     frames = _count(videos, fps, faults, notes)
-    shares = _views(cameras, volume, unit_m, faults, notes)
+    assumed = found.unit_m is None and said.unit_m is None
+    shares = _views(cameras, volume, unit_m, faults, notes, assumed=assumed)
     initial = folder / "initial.json"
-    faults += _initial_faults(initial, frames) if initial.is_file() else []
+    has_initial = os.path.lexists(initial)
+    faults += _initial_faults(initial, frames) if has_initial else []
     if faults or volume is None or path is None or fps is None:
         raise InputError("\n".join([f"{folder} cannot be used as a capture:", *_dashed(faults)]))
     return Capture(
         folder, said.take, said.metadata, said.stature_m, volume, fps, tuple(cameras),
         tuple(videos[camera.name].path for camera in cameras),
         tuple(backgrounds[camera.name].path for camera in cameras),
-        frames, path, initial if initial.is_file() else None, tuple(shares), tuple(notes),
+        frames, path, initial if has_initial else None, tuple(shares), tuple(notes),
     )  # fmt: skip
 
 
@@ -135,83 +154,73 @@ def _dashed(faults: Sequence[str]) -> list[str]:
     return [f"- {' '.join(fault.split())}" for fault in faults]
 
 
-def _find_calibration(folder: Path, faults: list[str]) -> Path | None:
-    """Return the file or folder of the calibration."""
-    found = sorted(folder.glob("calibration.*")) + sorted(folder.glob("*.qca.txt"))
-    if (folder / "calibration").is_dir():
-        found.append(folder / "calibration")
-    if any((folder / name).is_file() for name in _PAIRS):
-        found.append(next(folder / name for name in _PAIRS if (folder / name).is_file()))
-    found = list(dict.fromkeys(found))
-    if len(found) == 1:
-        return found[0]
-    if found:
-        names = listed([path.name for path in found])
-        faults.append(f"there is more than one calibration: {names}; keep one")
-    else:
-        faults.append(
-            "there is no calibration: put it there as calibration.toml (or .yml, .xml, .json, "
-            ".qca.txt), intri.yml and extri.yml, cameras.txt and images.txt, or the folder "
-            "`calibration`"
-        )
-    return None
+def _load_cameras(
+    path: Path | None, films: dict[str, list[Path]], faults: list[str]
+) -> Calibration:
+    """Return the cameras in their own unit and axes; none where they cannot be read."""
+    try:
+        return load_calibration(path, films.keys()) if path else Calibration([])
+    except InputError as error:
+        faults.append(str(error))
+        return Calibration([])
 
 
-def _cameras(
+def _place(
     path: Path | None,
-    up: str | None,
-    unit_m: float | None,
-    volume: Volume | None,
+    found: Calibration,
+    said: CaptureSettings,
     faults: list[str],
     notes: list[str],
 ) -> tuple[list[Camera], float]:
-    """Return the cameras and the unit that they were read in; none where they cannot be read."""
-    if path is None:
+    """Return the cameras in metres and y up, and the unit that they were read in."""
+    if path is None or not found.cameras:
         return [], 1.0
-    center_m = None if volume is None else volume.center_m
-    distance = {} if volume is None else {"distance_m": volume.diagonal_m}
+    known: dict[str, Any] = {}
+    if said.volume is not None:
+        known = {"center_m": said.volume.center_m, "distance_m": said.volume.diagonal_m}
+        if all(camera.size is not None for camera in found.cameras):
+            known["count_seeing"] = partial(_count_seeing, volume=said.volume)
     try:
-        found = load_calibration(path)
-        cameras, unit_m, said = place_cameras(
-            path, found, up=up, unit_m=unit_m, center_m=center_m, **distance
-        )
+        cameras, unit_m, more = place_cameras(path, found, up=said.up, unit_m=said.unit_m, **known)
     except InputError as error:
         faults.append(str(error))
         return [], 1.0
-    notes += said
+    notes += more
     return cameras, unit_m
 
 
+def _count_seeing(cameras: Sequence[Camera], volume: Volume) -> int:
+    from storage.formats.capture.camera_views import (
+        count_seeing,  # OpenCV: not for who lists captures
+    )
+
+    return count_seeing(cameras, volume)
+
+
 def _match(
-    what: str, folder: Path, cameras: Sequence[Camera], faults: list[str], notes: list[str]
+    what: str,
+    folder: Path,
+    files: dict[str, list[Path]] | None,
+    cameras: Sequence[Camera],
+    faults: list[str],
+    notes: list[str],
 ) -> dict[str, Footage]:
     """Return the file of each camera, by name, and say which are missing, double or unreadable."""
-    if not folder.is_dir():
-        faults.append(f"there is no folder `{folder.name}` with a {what} a camera")
+    if files is None:
         return {}
-    files: dict[str, list[Path]] = {}
-    for path in sorted(folder.iterdir()):
-        is_video = path.suffix.lower() in VIDEO_SUFFIXES
-        is_picture = path.suffix.lower() in PICTURE_SUFFIXES and what == "background"
-        if path.is_dir() and what == "video":
-            files.setdefault(path.name, []).append(path)
-        elif (is_video or is_picture) and not path.name.startswith("."):
-            files.setdefault(path.stem, []).append(path)
     names = [camera.name for camera in cameras]
     missing = [name for name in names if name not in files]
-    others = [name for name in files if name not in names]
+    others = sorted(files.keys() - set(names))
     if missing:
         rest = f"; {listed(others)} belongs to no camera of the calibration" if others else ""
+        rest += unread_files(what, folder, missing)
         faults.append(
-            f"camera {listed(missing)} has no {what} in `{folder.name}`{rest}: name each file as "
+            f"camera {listed(missing)} has no {what} in `{FOLDERS[what]}`{rest}: name each file as "
             "its camera is called in the calibration"
         )
     elif others and cameras:
         notes.append(f"The {what} of {listed(others)} has no calibration: left out.")
-    found = _look(what, files, names, faults)
-    for name, footage in found.items():
-        notes += [f"The {what} of {name!r}: {note}" for note in footage.notes]
-    return found
+    return _look(what, files, names, faults)
 
 
 def _look(
@@ -249,9 +258,9 @@ def _sized(
     column, row = camera.intrinsics[:2, 2]
     if not (0 < column < size[0] and 0 < row < size[1]):
         faults.append(
-            f"camera {camera.name!r}: its video is {_by(size)}, but the calibration has the middle "
-            f"of the image at {column:.0f}, {row:.0f}: it was made for another image size, or the "
-            "video is turned"
+            f"camera {camera.name!r}: its video is {by_px(size)}, but the calibration has the "
+            f"middle of the image at {column:.0f}, {row:.0f}: it was made for another image size, "
+            "or the video is turned"
         )
     return replace(camera, size=size)
 
@@ -264,36 +273,18 @@ def _size_faults(
     for camera in cameras:
         video, background = videos.get(camera.name), backgrounds.get(camera.name)
         if video and camera.size and video.size != camera.size:
-            why = _why_unequal(video, camera.size)
+            why = why_unequal(video, camera.size)
             faults.append(
-                f"camera {camera.name!r}: its video is {_by(video.size)}, its calibration was made "
-                f"for {_by(camera.size)}: {why}"
+                f"camera {camera.name!r}: its video is {by_px(video.size)}, its calibration was "
+                f"made for {by_px(camera.size)}: {why}"
             )
         agreed = background is None or background.size in (video and video.size, camera.size)
         if video and background and not agreed:
             faults.append(
-                f"camera {camera.name!r}: its background is {_by(background.size)}, its video "
-                f"{_by(video.size)}; film the background with the same settings"
+                f"camera {camera.name!r}: its background is {by_px(background.size)}, its video "
+                f"{by_px(video.size)}; {why_other_background(video, background)}"
             )
     return faults
-
-
-def _why_unequal(video: Footage, wanted: tuple[int, int]) -> str:
-    """Return what probably happened to an image of another size."""
-    (width, height), (columns, rows) = video.size, wanted
-    if (width, height) == (rows, columns):
-        how = "".join(f" ({note})" for note in video.notes)
-        return f"the video is turned (portrait){how}; turn it back, or calibrate the turned image"
-    if abs(width / columns - height / rows) * max(columns, rows) <= 1.0:
-        return (
-            f"the video is scaled by {width / columns:.3g}; scale the calibration with it, or "
-            "bring the video as it was filmed"
-        )
-    return "of another shape, so one of them was cut; bring both for the same image"
-
-
-def _by(size: tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}"
 
 
 def _rate(
@@ -360,6 +351,8 @@ def _views(
     unit_m: float,
     faults: list[str],
     notes: list[str],
+    *,
+    assumed: bool,
 ) -> list[float]:
     """Return the share of the volume that each camera sees, and say it."""
     from storage.formats.capture.camera_views import (
@@ -368,7 +361,7 @@ def _views(
 
     if volume is None or not cameras or any(camera.size is None for camera in cameras):
         return []
-    shares, found = view_faults(cameras, volume, unit_m)
+    shares, found = view_faults(cameras, volume, unit_m, assumed=assumed)
     faults += found
     said = ", ".join(
         f"{camera.name} {share:.0%}" for camera, share in zip(cameras, shares, strict=True)

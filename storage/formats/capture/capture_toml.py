@@ -1,8 +1,7 @@
 """Read capture.toml: what was recorded, the volume that is observed, how it was filmed."""
 
-import json
 import math
-import tomllib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,9 @@ import numpy as np
 from storage.archive import take_name
 from storage.errors import InputError
 from storage.formats.calibration.camera import Y_UP_FROM
-from storage.formats.reading import METERS, listed, read_bytes
+from storage.formats.calibration.parts import as_shown
+from storage.formats.reading import METERS, listed
+from storage.formats.toml_text import plain_metadata, read_toml
 
 MARK = "capture.toml"
 
@@ -71,14 +72,9 @@ def _tables(folder: Path) -> dict[str, Any]:
     path = folder / MARK
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; bring one with {_WANTED}")
-    if not path.is_file():
+    if not os.path.lexists(path):
         raise InputError(f"{folder} has no {MARK}, so it is no capture; put there {_WANTED}")
-    try:
-        tables = tomllib.loads(read_bytes(path, _WANTED).decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    tables = read_toml(path, _WANTED)
     wrong = [name for name in ("take", *_KEYS) if not isinstance(tables.get(name, {}), dict)]
     if wrong:
         raise InputError(f"{path} has {listed(wrong)} as a value, not as a table; bring {_WANTED}")
@@ -97,13 +93,19 @@ def _take(
     folder: Path, tables: dict[str, Any], faults: list[str]
 ) -> tuple[str, dict[str, Any], float | None]:
     """Return the take's name, its metadata and the stature."""
-    table = json.loads(json.dumps(tables.get("take", {}), default=str))
+    try:
+        table = plain_metadata(tables.get("take", {}), f"[take] of {MARK}")
+    except InputError as error:
+        faults.append(str(error))
+        table = {}
     stature_m = table.pop("stature_m", None)
     name = str(table.pop("id", "")) or folder.resolve().name
     if stature_m is not None and not _between(stature_m, 0.3, 3.0):
         faults.append(
-            f"stature_m = {stature_m!r} under [take] is no number of metres between 0.3 and 3"
+            f"stature_m = {as_shown(stature_m)} under [take] is no number of metres between 0.3 "
+            "and 3"
         )
+        stature_m = None
     try:
         name = take_name(name)
     except InputError as error:
@@ -117,16 +119,18 @@ def _volume(table: dict[str, Any], faults: list[str]) -> Volume | None:
     center, size, voxel = (table.get(key) for key in _KEYS["volume"])
     if not _numbers(center, -1000.0, 1000.0):
         faults.append(
-            f"center_m = {center!r} under [volume] should be three metres, such as [0.0, 1.0, 0.0]"
+            f"center_m = {as_shown(center)} under [volume] should be three metres, such as "
+            "[0.0, 1.0, 0.0]"
         )
     if not _numbers(size, 0.01, 100.0):
         faults.append(
-            f"size_m = {size!r} under [volume] should be three metres from 0.01 to 100, such as "
-            "[2.0, 2.0, 2.0]"
+            f"size_m = {as_shown(size)} under [volume] should be three metres from 0.01 to 100, "
+            "such as [2.0, 2.0, 2.0]"
         )
     if not _between(voxel, 0.0005, 1.0):
         faults.append(
-            f"voxel_m = {voxel!r} under [volume] should be metres from 0.0005 to 1, such as 0.01"
+            f"voxel_m = {as_shown(voxel)} under [volume] should be metres from 0.0005 to 1, such "
+            "as 0.01"
         )
     if len(faults) > before or center is None or size is None or voxel is None:
         return None
@@ -145,15 +149,18 @@ def _video(
     """Return the frame rate, the axis up and the unit that capture.toml gives."""
     fps, up, unit = (table.get(key) for key in _KEYS["video"])
     if fps is not None and not _between(fps, 0.1, 10_000.0):
-        faults.append(f"fps = {fps!r} under [video] should be frames a second, such as 30.0")
+        faults.append(
+            f"fps = {as_shown(fps)} under [video] should be frames a second, such as 30.0"
+        )
         fps = None
-    if up is not None and up not in Y_UP_FROM:
-        faults.append(f"up = {up!r} under [video] is no axis; {', '.join(Y_UP_FROM)} are")
+    if up is not None and not (isinstance(up, str) and up in Y_UP_FROM):
+        faults.append(f"up = {as_shown(up)} under [video] is no axis; {', '.join(Y_UP_FROM)} are")
         up = None
     unit_m = METERS.get(unit) if isinstance(unit, str) else unit
     if unit is not None and not _between(unit_m, 1e-6, 1000.0):
         faults.append(
-            f"unit = {unit!r} under [video] is not known; write m, cm, mm, or metres in a unit"
+            f"unit = {as_shown(unit)} under [video] is not known; write m, cm, mm, or metres in a "
+            "unit"
         )
         unit_m = None
     return fps, up, unit_m

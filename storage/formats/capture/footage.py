@@ -1,5 +1,6 @@
-"""What a capture's files of a camera say of themselves: how large, how long, how fast."""
+"""What a capture's files of a camera say of themselves: how large, how long, how fast; in words."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, quiet_cv2, read_frames
-from storage.formats.reading import read_bytes
-
-_WANTED = "a picture as PNG or JPEG"
+from storage.files import NotRegularError, check_regular
+from storage.formats.pictures.decoding import decode_picture
+from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_frames
+from storage.formats.reading import listed
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,13 @@ class Footage:
     """None where the file does not say, as pictures do not."""
     notes: tuple[str, ...] = ()
     """What the user should know, a sentence each."""
+    pixel_aspect: float = 1.0
+    """How many times as wide as high a pixel is shown."""
+
+    @property
+    def shown(self) -> tuple[int, int]:
+        """Width and height as players show them; other than `size` where pixels are not square."""
+        return round(self.size[0] * self.pixel_aspect), self.size[1]
 
 
 def look_at_footage(path: Path) -> Footage:
@@ -35,12 +43,18 @@ def look_at_footage(path: Path) -> Footage:
     InputError
         It cannot be opened or decoded, holds no frame, or its frames do not follow each other.
     """
+    try:
+        check_regular(path)
+    except NotRegularError as error:
+        raise InputError(f"{path} is no regular file, but {error.kind}; bring the file") from error
     if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
         rows, columns, _ = read_picture(path).shape
         return Footage(path, (columns, rows), 1, None)
     video = open_video(path)
     rows, columns = video.size
-    return Footage(path, (columns, rows), video.frames, video.rate_hz, video.notes)
+    return Footage(
+        path, (columns, rows), video.frames, video.rate_hz, video.notes, video.pixel_aspect
+    )
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
@@ -58,8 +72,59 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
     """
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         return read_frames(open_video(path), 0, 1)[0]
-    cv2 = quiet_cv2()
-    picture = cv2.imdecode(np.frombuffer(read_bytes(path, _WANTED), np.uint8), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {_WANTED}")
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+    return decode_picture(path)
+
+
+def footage_notes(found: dict[str, dict[str, Footage]]) -> list[str]:
+    """Return what is said of films, each once however many it is said of."""
+    said: dict[str, dict[str, list[str]]] = {}
+    for what, of_cameras in found.items():
+        for name, footage in of_cameras.items():
+            for note in footage.notes:
+                said.setdefault(note, {}).setdefault(what, []).append(name)
+    return [
+        f"The {' and the '.join(_subject(what, names) for what, names in whose.items())}: {note}"
+        for note, whose in said.items()
+    ]
+
+
+def _subject(what: str, names: Sequence[str]) -> str:
+    return f"{what}{'s' if len(names) > 1 else ''} of {listed(names)}"
+
+
+def why_unequal(video: Footage, wanted: tuple[int, int]) -> str:
+    """Return what probably happened to an image of another size."""
+    (width, height), (columns, rows) = video.size, wanted
+    if (width, height) == (rows, columns):
+        how = "".join(f" ({note})" for note in video.notes)
+        return f"the video is turned (portrait){how}; turn it back, or calibrate the turned image"
+    if _alike(video.size, wanted):
+        return (
+            f"the video is scaled by {width / columns:.3g}; scale the calibration with it, or "
+            "bring the video as it was filmed"
+        )
+    if video.shown != video.size:
+        sure = _alike(video.shown, wanted)
+        return (
+            f"the pixels of the video are not square, so that players show {by_px(video.shown)}"
+            f"{'' if sure else ', or one of them was cut'}; calibrate with pictures as they are "
+            "stored, or convert the video to square pixels"
+        )
+    return "of another shape, so one of them was cut; bring both for the same image"
+
+
+def why_other_background(video: Footage, background: Footage) -> str:
+    """Return what to do about a background of another size."""
+    if video.shown != video.size and background.size == video.shown:
+        return "the pixels of the video are not square; bring the background as a film of its own"
+    return "film the background with the same settings"
+
+
+def by_px(size: tuple[int, int]) -> str:
+    """Return a size in words."""
+    return f"{size[0]}x{size[1]}"
+
+
+def _alike(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Return whether both are of one shape, to a pixel."""
+    return abs(size[0] / other[0] - size[1] / other[1]) * max(other) <= 1.0

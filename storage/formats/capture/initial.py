@@ -36,6 +36,8 @@ _LONGEST = (
 """The ends of bones, and 1.6 times their usual lengths (Drillis and Contini 1966), in shares of
 the body from the head over neck, hips and knees to the toes."""
 _NEVER_CROSSED = (("Shoulder", "Elbow"), ("Hip", "Knee"))
+_MOST_BYTES = 1 << 24
+"""Longest file [bytes]. Labels of a million voxels, each another than the last, have half of it."""
 _MOST_VOXELS = 2**26  # a few bytes must not ask for more memory than any body needs
 
 
@@ -62,7 +64,7 @@ def read_initial(path: str | Path) -> Initial:
         of the file at once.
     """
     path = Path(path)
-    text, _ = decode_text(path, read_bytes(path, _WANTED), _WANTED)
+    text, _ = decode_text(path, read_bytes(path, _WANTED, most=_MOST_BYTES), _WANTED)
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:

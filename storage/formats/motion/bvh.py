@@ -16,13 +16,22 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats import reading
+from storage.formats.encodings import UTF_16_MARKS
 from storage.formats.motion import writing
+from storage.formats.motion.bvh_numbers import read_numbers
 from storage.formats.motion.motion_file import MotionFile
 
 _WANTED = "a BVH file"
-_CHANNELS = {f"{axis}{kind}": (kind, n) for kind in ("position", "rotation")
+_CHANNELS = {f"{axis}{kind}": (kind, n) for kind in ("position", "rotation", "scale")
              for n, axis in enumerate("xyz")}  # fmt: skip
 _MOST_BONES = 5000
+_COUNTS = tuple("0123456789")
+_MOTION = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*MOTION[ \t]*(?=[\r\n]|$)", re.I)
+_FRAMES_AT_ONCE = 4096
+"""How many frames the bones are placed in at a time. Their rotations are three times as large as
+their positions; chosen, not measured."""
+_SCALE_TOLERANCE = 1e-3
+"""How far a scale channel may be from 1. Chosen: a millimetre of a metre, well above rounding."""
 
 
 @dataclass
@@ -42,7 +51,7 @@ def read_bvh(path: Path) -> MotionFile:
     Parameters
     ----------
     path : Path
-        A BVH file; channels in any order, positions on any bone.
+        A BVH file; channels in any order, positions on any bone, scales where they are 1.
 
     Returns
     -------
@@ -53,28 +62,44 @@ def read_bvh(path: Path) -> MotionFile:
     Raises
     ------
     InputError
-        No BVH file, no bones, no frames, fewer or more numbers than the header tells, damaged.
+        No BVH file, no bones, no frames, fewer numbers than the header tells, bones that change
+        their size, damaged.
     """
     path = Path(path)
     data = reading.read_bytes(path, _WANTED)
-    text, notes = reading.decode_text(path, data, _WANTED)
-    halves = re.split(r"^[ \t]*MOTION[ \t]*$", text, maxsplit=1, flags=re.M | re.I)
-    if not re.match(r"\s*HIERARCHY\s", halves[0], re.I):
+    if data.startswith(UTF_16_MARKS):
+        data = data.decode(reading.checked_encoding(path, data)).encode()
+    halves = _MOTION.search(data)
+    head = data[: halves.start()] if halves else data
+    encoding = reading.checked_encoding(path, head)
+    notes = reading.encoding_notes(encoding)
+    hierarchy, _ = reading.decode_text(path, head, _WANTED)
+    if not re.match(r"\s*HIERARCHY\s", hierarchy, re.I):
         raise InputError(f"{path} does not begin with HIERARCHY; bring {_WANTED}")
-    if len(halves) < 2:
+    if not halves:
         raise InputError(
             f"{path} has no line MOTION: it is cut short or holds no motion; bring the whole file"
         )
-    bones = _read_hierarchy(path, halves[0])
+    if not data.endswith((b"\n", b"\r")):
+        notes.append("The file does not end with a line end; its last number may be cut.")
+    bones = _read_hierarchy(path, hierarchy)
     channels = sum(len(bone.channels) for bone in bones)
-    values, rate_hz, more = _read_motion(path, halves[1], channels)
+    values, rate_hz, more = read_numbers(path, data, halves.end(), channels)
+    notes += more
     reading.check_size(path, len(values), len(bones), len(data))
-    position, replaced = _forward_kinematics(bones, values)
-    notes += more + replaced
+    del data, halves  # the file is as large as its numbers
+    notes += _check_scales(path, bones, values)
+    position, more = _forward_kinematics(bones, values)
+    del values
+    notes += more
     kept, again = reading.first_of_each([bone.name for bone in bones])
-    position, absurd = reading.without_absurd(position[:, kept])
+    position, absurd = reading.without_absurd(position[:, kept] if again else position)
     names = tuple(bones[at].name for at in kept)
-    return MotionFile("bvh", names, position, rate_hz, None, "y", (*notes, *again, *absurd))
+    rest = np.zeros((len(bones), 3))
+    for at, bone in enumerate(bones):
+        rest[at] = bone.offset if bone.parent < 0 else rest[bone.parent] + bone.offset
+    notes += [*again, *absurd]
+    return MotionFile("bvh", names, position, rate_hz, None, "y", tuple(notes), rest[kept])
 
 
 def _read_hierarchy(path: Path, text: str) -> list[_Bone]:
@@ -105,7 +130,7 @@ def _read_hierarchy(path: Path, text: str) -> list[_Bone]:
             inside.offset = _offset(path, inside.name, tokens[at + 1 : at + 4])
             at += 4
         elif word == "CHANNELS" and inside is not None and not inside.channels:
-            inside.channels = _channels(path, inside.name, tokens[at + 1 : at + 8])
+            inside.channels = _channels(path, inside.name, tokens[at + 1 : at + 11])
             inside.first_channel = channels
             channels += len(inside.channels)
             at += 2 + len(inside.channels)
@@ -144,100 +169,69 @@ def _offset(path: Path, name: str, words: Sequence[str]) -> list[float]:
 
 def _channels(path: Path, name: str, words: Sequence[str]) -> list[tuple[str, int]]:
     """Return kind and axis of a bone's channels, in the order of the file."""
-    count = int(words[0]) if words and words[0] in "0123456" else -1
+    count = int(words[0]) if words and words[0] in _COUNTS else -1
     told = [word.lower() for word in words[1 : 1 + max(count, 0)]]
     if len(told) != count or len(set(told)) != count or not set(told) <= set(_CHANNELS):
         raise _damaged(
             path,
-            f"the CHANNELS of {name!r} are not a number up to 6 and as many of Xposition ... "
-            "Zrotation",
+            f"the CHANNELS of {name!r} are not a number up to 9 and as many of Xposition ... "
+            "Zrotation, Zscale",
         )
     return [_CHANNELS[word] for word in told]
 
 
-def _read_motion(
-    path: Path, text: str, channels: int
-) -> tuple[NDArray[np.float64], float, list[str]]:
-    """Return the channels of all frames, the frames a second, and notes."""
-    head = re.match(r"\s*Frames\s*:[ \t]*(\S*)\s+Frame\s*Time\s*:[ \t]*(\S*)", text, re.I)
-    if not head:
+def _check_scales(path: Path, bones: Sequence[_Bone], values: NDArray[np.float64]) -> list[str]:
+    """Refuse bones that change their size; note scale channels that say nothing."""
+    scales = [
+        (bone.name, n)
+        for bone in bones
+        for n, (kind, _) in enumerate(bone.channels, bone.first_channel)
+        if kind == "scale"
+    ]
+    wrong = {
+        name: float(column[np.nanargmax(np.abs(column - 1))])
+        for name, n in scales
+        if np.nanmax(np.abs((column := values[:, n]) - 1), initial=0) > _SCALE_TOLERANCE
+    }
+    if wrong:
+        name, scale = next(iter(wrong.items()))
         raise InputError(
-            f"{path} has no lines 'Frames:' and 'Frame Time:' after MOTION: it is cut short or "
-            "damaged; bring the whole file"
+            f"{path} scales {reading.listed(list(wrong))} ({name!r} by {scale:g}), where bones "
+            "that keep their size are wanted; export it without scale channels"
         )
-    frames = int(head[1]) if re.fullmatch(r"[0-9]{1,12}", head[1]) else 0
-    if frames < 1:
-        raise InputError(
-            f"{path} says that it has {head[1]!r} frames, where 1 or more are wanted; export it "
-            "with its frames"
-        )
-    rate_hz = _rate(path, head[2])
-    lines = [line for line in map(str.split, text[head.end() :].splitlines()) if line]
-    values = _numbers(path, lines)
-    if values.size != frames * channels:
-        raise InputError(
-            f"{path} holds {values.size / channels:.6g} frames of {channels} numbers where it "
-            f"tells {frames}: it is cut short or damaged; bring the whole file, or correct "
-            "'Frames:' if this is all"
-        )
-    if len(lines) == frames and any(len(line) != channels for line in lines):
-        wrong = next(at for at, line in enumerate(lines, 1) if len(line) != channels)
-        raise InputError(
-            f"{path} has {len(lines[wrong - 1])} numbers in frame {wrong} where {channels} are "
-            "wanted; export it again"
-        )
-    unreal = ~np.isfinite(values)
-    notes = [f"{unreal.sum()} channels hold no number: what hangs on them is missing."]
-    values[unreal] = np.nan
-    return values.reshape(frames, channels), rate_hz, notes if unreal.any() else []
-
-
-def _rate(path: Path, word: str) -> float:
-    """Return the frames a second, whole where the frame time is that of a whole number."""
-    try:
-        frame_s = float(word)
-    except ValueError:
-        frame_s = math.nan
-    if not frame_s > 0:
-        raise InputError(
-            f"{path} has the frame time {word!r} where seconds above 0 are wanted; write its "
-            "own there, as in 'Frame Time: 0.0083333' for 120 frames a second"
-        )
-    rate_hz = reading.checked_rate(path, 1 / frame_s, "1 / Frame Time")
-    # 0.0083333 means 120 Hz, not 120.00048
-    whole = round(rate_hz)
-    return float(whole) if math.isclose(rate_hz, whole, rel_tol=1e-4) else rate_hz
-
-
-def _numbers(path: Path, lines: Sequence[Sequence[str]]) -> NDArray[np.float64]:
-    """Return all numbers of the motion."""
-    words = [word for line in lines for word in line]
-    try:
-        return np.array(list(map(float, words)))
-    except ValueError:
-        for at, line in enumerate(lines, 1):
-            for word in line:
-                if not re.fullmatch(r"[-+.0-9eE]+|[-+]?(nan|inf(inity)?)", word, re.I):
-                    raise InputError(
-                        f"{path} has {word[:40]!r} in frame {at} where a number is wanted; "
-                        "export it again"
-                    ) from None
-        raise InputError(f"{path} has a malformed number; export it again") from None
+    return ["The scale channels are 1 all along: left out."] if scales else []
 
 
 def _forward_kinematics(
     bones: Sequence[_Bone], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Return where each bone begins, and a note on channels that held whole positions."""
-    frames = len(values)
-    position = np.zeros((frames, len(bones), 3))
+    position = np.empty((len(values), len(bones), 3))
+    whole = [_holds_whole(bone, values) for bone in bones]
+    for start in range(0, len(values), _FRAMES_AT_ONCE):
+        block = slice(start, start + _FRAMES_AT_ONCE)
+        _place_bones(bones, values[block], whole, position[block])
+    if not any(whole):
+        return position, []
+    named = [bone.name for bone, replaced in zip(bones, whole, strict=True) if replaced]
+    return position, [
+        f"The position channels of {reading.listed(named)} stay at its offset: read as the whole "
+        "position, not added to it."
+    ]
+
+
+def _place_bones(
+    bones: Sequence[_Bone],
+    values: NDArray[np.float64],
+    whole: Sequence[bool],
+    position: NDArray[np.float64],
+) -> None:
+    """Write where each bone begins in some frames."""
     rotations: list[NDArray[np.float64]] = []
-    whole = []
     with np.errstate(all="ignore"):  # absurd numbers end as missing
         for at, bone in enumerate(bones):
-            local, replaced = _translation(bone, values)
-            whole += [bone.name] if replaced else []
-            rotation = np.zeros((3, 3, frames))
+            local = _translation(bone, values, replaced=whole[at])
+            rotation = np.zeros((3, 3, len(values)))
             rotation[np.arange(3), np.arange(3)] = 1.0
             if bone.parent >= 0:
                 rotation = rotations[bone.parent].copy()
@@ -247,12 +241,6 @@ def _forward_kinematics(
                 position[:, at] = local
             _rotate(rotation, bone, values)
             rotations.append(rotation)
-    if not whole:
-        return position, []
-    return position, [
-        f"The position channels of {reading.listed(whole)} stay at its offset: read as the whole "
-        "position, not added to it."
-    ]
 
 
 def _rotate(rotation: NDArray[np.float64], bone: _Bone, values: NDArray[np.float64]) -> None:
@@ -267,20 +255,32 @@ def _rotate(rotation: NDArray[np.float64], bone: _Bone, values: NDArray[np.float
             rotation[:, second] = cos * b - sin * a
 
 
-def _translation(bone: _Bone, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-    """Return where a bone begins in its parent, and if its channels held the whole of it."""
-    offset = np.array(bone.offset)
-    local = np.tile(offset, (len(values), 1))
-    told = [(n, axis) for n, (kind, axis) in enumerate(bone.channels) if kind == "position"]
-    axes = [axis for _, axis in told]
-    moved = values[:, [bone.first_channel + n for n, _ in told]]
+def _holds_whole(bone: _Bone, values: NDArray[np.float64]) -> bool:
+    """Tell whether a bone's position channels hold the whole of its position."""
     # A root travels, so that only its height tells whether the offset is in its channels.
-    compared = [axis == 1 or bone.parent >= 0 for axis in axes]
-    rest = offset[axes][compared]
-    away = np.median(np.abs(moved[:, compared] - rest).sum(axis=1)) if any(compared) else 0.0
-    replaced = bool(np.abs(rest).sum() > 0 and away < 0.5 * np.abs(rest).sum())
-    local[:, axes] = moved if replaced else local[:, axes] + moved
-    return local, replaced
+    compared = [(n, axis) for n, axis in _moves(bone) if axis == 1 or bone.parent >= 0]
+    if not compared:
+        return False
+    rest = np.array(bone.offset)[[axis for _, axis in compared]]
+    with np.errstate(all="ignore"):
+        away = np.median(np.abs(values[:, [n for n, _ in compared]] - rest).sum(axis=1))
+    return bool(np.abs(rest).sum() > 0 and away < 0.5 * np.abs(rest).sum())
+
+
+def _translation(
+    bone: _Bone, values: NDArray[np.float64], *, replaced: bool
+) -> NDArray[np.float64]:
+    """Return where a bone begins in its parent."""
+    local = np.tile(np.array(bone.offset), (len(values), 1))
+    for n, axis in _moves(bone):
+        local[:, axis] = values[:, n] if replaced else local[:, axis] + values[:, n]
+    return local
+
+
+def _moves(bone: _Bone) -> list[tuple[int, int]]:
+    """Return column and axis of each of a bone's position channels."""
+    columns = enumerate(bone.channels, bone.first_channel)
+    return [(n, axis) for n, (kind, axis) in columns if kind == "position"]
 
 
 def _damaged(path: Path, what: str) -> InputError:

@@ -9,7 +9,7 @@ import itertools
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats import reading
+from storage.formats.encodings import normalized
 from storage.formats.motion import writing
 from storage.formats.motion.c3d_parameters import BLOCK, C3DHead, floats, read_head
 from storage.formats.motion.motion_file import MotionFile
 
+_MOST_COUNTED = 65535
+"""The greatest number of frames that the header can say."""
 _MODELED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "REACTIONS", "SCALARS")
 
 
@@ -57,7 +60,8 @@ def read_c3d(path: Path) -> MotionFile:
     Returns
     -------
     MotionFile
-        Positions in the unit of POINT:UNITS; `up` is None, C3D does not say it.
+        Positions in the unit of POINT:UNITS; up is what POINT:Y_SCREEN says, which is the axis
+        that points up on a screen. None where it says nothing.
 
     Raises
     ------
@@ -67,20 +71,31 @@ def read_c3d(path: Path) -> MotionFile:
     path = Path(path)
     data = reading.read_bytes(path, "a C3D file")
     head = read_head(path, data)
-    layout, notes = _find_layout(path, head, len(data))
-    rate_hz, more = _rate(path, head)
-    notes += more
+    rate_hz, notes = _rate(path, head)
+    layout, more = _find_layout(path, head, data, rate_hz)
+    notes = more + notes
     kept, names, more = _markers(path, head, layout.points)
     notes += more
     position, more = reading.without_absurd(_positions(path, data, head, layout)[:, kept])
     notes += more
-    units = head.words("POINT:UNITS")
-    unit_m, more = reading.meters_in(_decoded(units[:1], [])[0] if units else None)
-    return MotionFile("c3d", names, position, rate_hz, unit_m, None, (*notes, *more))
+    position, more = reading.without_zeros(position, names)
+    notes += more
+    units = head.words("POINT:UNITS")[:1]
+    unit_m, more = reading.meters_in(units[0].decode("latin-1") if units else None)
+    return MotionFile("c3d", names, position, rate_hz, unit_m, _up(head), (*notes, *more))
 
 
-def _find_layout(path: Path, head: C3DHead, length: int) -> tuple[_Layout, list[str]]:
+def _up(head: C3DHead) -> str | None:
+    """Return the axis that points up on the screen for which the file was made."""
+    said = b"".join(head.words("POINT:Y_SCREEN")[:1]).strip().lower().removeprefix(b"+")
+    return said.decode() if said in (b"x", b"y", b"z", b"-x", b"-y", b"-z") else None
+
+
+def _find_layout(
+    path: Path, head: C3DHead, data: bytes, rate_hz: float
+) -> tuple[_Layout, list[str]]:
     """Return how the data lie, from all that the file says about it and from its length."""
+    length = len(data)
     scales = _first(head.floats("POINT:SCALE"), 1) or [head.float_at(7)]
     reals = _said([scale < 0 for scale in scales], [head.float_at(7) < 0])
     starts = _said(_first(head.integers("POINT:DATA_START"), 1), [head.word(9)])
@@ -98,18 +113,51 @@ def _find_layout(path: Path, head: C3DHead, length: int) -> tuple[_Layout, list[
     ]
     if not layouts:
         raise InputError(f"{path} says that its data begin where they cannot; export it again")
+    if long := [more for each in layouts if (more := _beyond_count(each, data))]:
+        return long[0], [
+            f"The file counts its frames only to {_MOST_COUNTED:,}; it holds "
+            f"{long[0].frames:,}, which were read."
+        ]
     # Whole frames to the end, or filled up to a whole block: all else has lost or won bytes.
     whole = [each for each in layouts if length == each.end or length % BLOCK == 0]
     exact = [each for each in whole if 0 <= length - each.end < BLOCK]
     if len(layouts) == 1 and whole and layouts[0].end <= length:
-        over = length - layouts[0].end
-        return layouts[0], [f"{over} bytes after the last frame: left out."] * (not exact)
+        return layouts[0], [] if exact else [_left_out(layouts[0], length, rate_hz)]
     if exact:
         return exact[0], [
             "The header and the parameters disagree; the length of the file fits "
             f"{exact[0].frames} frames of {exact[0].points} markers, which were read."
         ]
     raise _unfitting(path, layouts, length)
+
+
+def _beyond_count(layout: _Layout, data: bytes) -> _Layout | None:
+    """Return the layout of a file that has more frames than its 16-bit counts can say.
+
+    Some writers stop at 65,535, others begin again at 0.
+    """
+    most, rest = divmod(len(data) - layout.start, layout.frame_bytes)
+    if most <= _MOST_COUNTED or rest >= BLOCK:
+        return None
+    stopped = layout.frames == _MOST_COUNTED
+    # What fills the last block is no frame.
+    for frames in range(most, most - (BLOCK - 1 - rest) // layout.frame_bytes - 1, -1):
+        whole = replace(layout, frames=frames)
+        if frames > _MOST_COUNTED and (stopped or frames % 65536 == layout.frames):
+            last = whole.end - layout.frame_bytes
+            if not any(data[whole.end :]) and (not stopped or any(data[last : whole.end])):
+                return whole
+    return None
+
+
+def _left_out(layout: _Layout, length: int, rate_hz: float) -> str:
+    """Return the note on what stands behind the last frame that the file tells."""
+    over = length - layout.end
+    return (
+        f"{over} bytes after the last frame that the file tells, which would be "
+        f"{over // layout.frame_bytes} frames more ({over / layout.frame_bytes / rate_hz:.3g} s): "
+        "left out."
+    )
 
 
 def _unfitting(path: Path, layouts: Sequence[_Layout], length: int) -> InputError:
@@ -202,11 +250,11 @@ def _markers(
     path: Path, head: C3DHead, points: int
 ) -> tuple[list[int], tuple[str, ...], list[str]]:
     """Return the indices and names of the points that are markers, and notes on the others."""
-    notes: list[str] = []
-    labels = _decoded(head.words("POINT:LABELS")[:points], notes)
-    modeled = {name for group in _MODELED for name in _decoded(head.words(f"POINT:{group}"), [])}
+    words = head.words("POINT:LABELS")[:points]
+    labels, notes = _decoded(path, words)
+    modeled = {word for group in _MODELED for word in head.words(f"POINT:{group}")}
     named = [n for n, label in enumerate(labels) if label and not label.startswith("*")]
-    kept = [n for n in named if labels[n] not in modeled]
+    kept = [n for n in named if words[n] not in modeled]
     if len(named) < points:
         notes.append(f"{points - len(named)} of {points} points have no name: left out.")
     if len(kept) < len(named):
@@ -230,13 +278,14 @@ def _without_subject(labels: list[str]) -> tuple[list[str], list[str]]:
     return labels, [f"There is more than one subject ({reading.listed(named)}): names kept."]
 
 
-def _decoded(words: Sequence[bytes], notes: list[str]) -> list[str]:
-    """Return the words as text; where one is not UTF-8 all are taken as Latin-1."""
-    try:
-        return [word.decode() for word in words]
-    except UnicodeDecodeError:
-        notes.append("The names are not in UTF-8; they were read as Latin-1.")
-        return [word.decode("latin-1") for word in words]
+def _decoded(path: Path, words: Sequence[bytes]) -> tuple[list[str], list[str]]:
+    """Return the words as text with composed letters, and a note on their encoding."""
+    encoding = reading.checked_encoding(path, b"\n".join(words))
+    said = reading.encoding_notes(encoding)
+    notes = [
+        note.replace("The file is", "The names are").replace("its names", "they") for note in said
+    ]
+    return [normalized(word.decode(encoding)) for word in words], notes
 
 
 def write_c3d(

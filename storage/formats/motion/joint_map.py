@@ -3,12 +3,12 @@
 A line a joint: `RHip = "RH"`, or `RHip = ["RASI", "RPSI"]` for the middle of markers.
 """
 
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 
 from storage.errors import InputError
-from storage.formats.reading import read_bytes
+from storage.formats.encodings import normalized
+from storage.formats.toml_text import read_toml
 from storage.schema import JOINTS
 
 JointMap = tuple[tuple[str, tuple[str, ...]], ...]
@@ -25,18 +25,14 @@ def read_joint_map(path: Path) -> JointMap:
         The file cannot be read, is not TOML, names no joint, or names joints that there are
         not or markers that are no names; all such lines are said at once.
     """
-    data = read_bytes(path, _WANTED)
-    try:
-        table = tomllib.loads(data.decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path} is not TOML ({error}); bring {_WANTED}") from error
+    table = read_toml(path, _WANTED)
     faults = [fault for joint, value in table.items() for fault in _faults(joint, value)]
     if not table:
         faults.append("no joint is named")
     if faults:
         raise InputError(f"{path} cannot be used: {'; '.join(faults)}; bring {_WANTED}")
     return tuple(
-        (joint, (value,) if isinstance(value, str) else tuple(value))
+        (joint, tuple(map(normalized, [value] if isinstance(value, str) else value)))
         for joint, value in table.items()
     )
 
@@ -50,7 +46,7 @@ def _faults(joint: str, value: object) -> list[str]:
     names = value if isinstance(value, list) else [value]
     if not names or not all(isinstance(name, str) and name.strip() for name in names):
         faults.append(f"{joint} = {value!r} is neither a marker's name nor a list of names")
-    elif len(set(names)) < len(names):
+    elif len(set(map(normalized, names))) < len(names):
         faults.append(f"{joint} = {value!r} names a marker twice")
     return faults
 

@@ -13,7 +13,8 @@ class MotionFile:
     source: str
     """Which reader read it: "c3d", "trc" or "bvh"."""
     names: tuple[str, ...]
-    """A name a marker or bone, as the file spells it; a BVH end site is "<bone> End"."""
+    """A name a marker or bone, as the file spells it, with composed letters (NFC); a BVH end site
+    is "<bone> End"."""
     position: NDArray[np.float64]
     """(time, marker, space), in the file's unit; NaN in all three where it is missing."""
     rate_hz: float
@@ -24,3 +25,5 @@ class MotionFile:
     """The axis that points up ("x", "y" or "z"), or None where the format does not say."""
     notes: tuple[str, ...] = ()
     """What the reader had to assume or leave out, a sentence each, for the user to read."""
+    rest: NDArray[np.float64] | None = None
+    """(marker, space): where the bones of a BVH file are while nothing is turned; else None."""

@@ -23,7 +23,8 @@ _WANTED = "a TRC file"
 def read_trc(path: Path) -> MotionFile:
     """Read the markers of a TRC file.
 
-    Cells may stand between tabs, commas or spaces; an empty one is a gap. Where the names and
+    Cells may stand between tabs, commas or spaces; an empty one is a gap, and so
+    is 0, 0, 0. Where the names and
     the header disagree about the number of markers, the names win, and that is noted.
 
     Parameters
@@ -43,6 +44,7 @@ def read_trc(path: Path) -> MotionFile:
     """
     path = Path(path)
     data = reading.read_bytes(path, _WANTED)
+    reading.checked_encoding(path, data)
     text, notes = reading.decode_text(path, data, _WANTED)
     lines = text.split("\n")
     separator, at = _names_line(path, lines)
@@ -63,7 +65,9 @@ def read_trc(path: Path) -> MotionFile:
     notes += _check_times(path, table, rate_hz)
     position, kept, more = _markers(path, table, columns, names)
     position, absurd = reading.without_absurd(position)
-    return MotionFile("trc", kept, position, rate_hz, unit_m, None, (*notes, *more, *absurd))
+    position, zeros = reading.without_zeros(position, kept)
+    notes += [*more, *absurd, *zeros]
+    return MotionFile("trc", kept, position, rate_hz, unit_m, None, tuple(notes))
 
 
 def _names_line(path: Path, lines: Sequence[str]) -> tuple[str | None, int]:

@@ -1,31 +1,42 @@
 """Read films frame by frame, exactly.
 
-A film is a file (MP4, AVI, MKV, MOV) or a folder of numbered pictures. Its frames are counted and
-dated by reading every packet without decoding it, and a seek is believed only when the decoded
-frame carries the date of the frame that was wanted.
+A film is a file of any of the usual containers or a folder of numbered pictures. Its frames are
+counted and dated by reading every packet without decoding it, and a seek is believed only when the
+decoded frame carries the date of the frame that was wanted.
 """
 
 import os
 import re
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import NotRegularError, open_regular
+from storage.formats.pictures.combing import mended
+from storage.formats.pictures.decoding import decode_picture
+from storage.formats.pictures.film_decoding import FAULTS, Key, RgbReader, frames_from
+from storage.formats.pictures.film_facts import look_through
 
-VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
+VIDEO_SUFFIXES = (
+    ".mp4", ".m4v", ".mov", ".3gp", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".m2t", ".ts", ".mpg",
+    ".mpeg", ".vob", ".mod", ".tod", ".mxf", ".wmv", ".asf", ".flv", ".dv", ".ogv",
+)  # fmt: skip
+"""How the names of films end, in small letters."""
+
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""How the names of pictures end, in small letters."""
 
-_WANTED = "a film (.mp4, .avi, .mkv, .mov) or a folder of numbered pictures (.png, .jpg)"
-_UNEVEN = 0.25  # of a frame's time: clocks round by 0.03 of it, a frame left out is 1
-LARGEST_RATE_HZ = 10_000.0
+_WANTED = f"a film ({', '.join(VIDEO_SUFFIXES)}) or a folder of numbered pictures (.png, .jpg)"
 
 
 @dataclass(frozen=True)
@@ -34,7 +45,8 @@ class Video:
 
     path: Path
     frames: int
-    """How many there are: packets, or frames decoded where packets have no dates, or pictures."""
+    """How many there are: packets that are shown, or frames decoded where packets have no dates,
+    or pictures."""
     size: tuple[int, int]
     """Rows and columns, turned upright where the film says how it was held."""
     rate_hz: float | None
@@ -42,12 +54,19 @@ class Video:
     notes: tuple[str, ...]
     """What the user should know, a sentence each."""
     dates: tuple[int, ...]
-    """The date of each frame in microseconds; empty for a folder."""
-    keys: tuple[int, ...]
+    """The date of each frame in ticks of the film; empty for a folder, and where no frame has
+    one that can be believed."""
+    keys: tuple[Key, ...]
     """The frames that need no other to be decoded, ascending; empty where each part is read
     from the beginning."""
-    pictures: tuple[Path, ...]
+    pictures: tuple[Path, ...] = ()
     """The pictures of a folder, in the order of their numbers; empty for a file."""
+    quarter_turns: int = 0
+    """How often a frame is turned to the left to be upright."""
+    fields: str = ""
+    """Which lines of a frame are of the earlier moment where frames are combed, else empty."""
+    pixel_aspect: float = 1.0
+    """How many times as wide as high a pixel is shown, upright."""
 
 
 def open_video(path: str | Path) -> Video:
@@ -74,9 +93,11 @@ def open_video(path: str | Path) -> Video:
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         raise InputError(f"{path} is not a film that can be read; bring {_WANTED}")
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(8)
             about = os.fstat(file.fileno())
+    except NotRegularError as error:
+        raise InputError(f"{path} is no regular file, but {error.kind}; bring {_WANTED}") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); bring {_WANTED}") from error
     if not head:
@@ -187,96 +208,14 @@ def quiet_cv2() -> Any:
     return cv2
 
 
-def _decoder(path: Path) -> Any:
-    """Return an open decoder on one thread, which is faster than two where films are small."""
-    cv2 = quiet_cv2()
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
-    if not capture.isOpened():
-        raise InputError(
-            f"{path} cannot be opened as a film: it is damaged, cut off, or of a codec that is "
-            "not known; copy it again, or convert it to H.264 in MP4"
-        )
-    return capture
-
-
 @lru_cache(maxsize=64)
 def _open_file(path: Path, _state: tuple[int, int, int]) -> Video:
     """Look through a file; `_state` says that it is still the one that was looked through."""
-    cv2 = quiet_cv2()
-    capture = _decoder(path)
-    rate_hz = capture.get(cv2.CAP_PROP_FPS)
-    angle = int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
-    decoded, first = capture.read()
-    date = _date(capture)
-    dates, keys = _packets(path)
-    notes: tuple[str, ...] = ()
-    if decoded and dates and date != dates[0]:
-        dates, keys = (date, *_decoded_dates(capture)), ()
-        notes = ("The film does not date its frames; each part is read from its beginning.",)
-    elif decoded:
-        _check_even(path, dates)
-    capture.release()
-    if not decoded or not dates:
-        raise InputError(
-            f"the first frame of {path} cannot be decoded: it is damaged or of a codec that is "
-            "not known; copy it again, or convert it to H.264 in MP4"
-        )
-    if not 0.0 < rate_hz <= LARGEST_RATE_HZ:
-        raise InputError(
-            f"{path} gives a rate of {rate_hz:g} frames a second, where one above 0 to "
-            f"{LARGEST_RATE_HZ:g} is wanted; convert it with a constant rate"
-        )
-    if angle:
-        notes += (
-            f"The film says that the camera was held turned by {angle} degrees; it is read "
-            f"upright, {first.shape[1]} x {first.shape[0]}.",
-        )
-    return Video(path, len(dates), first.shape[:2], rate_hz, notes, dates, keys, ())
-
-
-def _packets(path: Path) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the dates of the frames in the order they are shown, and which are key frames."""
-    cv2 = quiet_cv2()
-    capture = _decoder(path)
-    capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are
-    found = []
-    while capture.grab():
-        key = capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0
-        found.append((_date(capture), key))
-    capture.release()
-    found.sort(key=lambda packet: packet[0])
-    dates = tuple(date for date, _ in found)
-    return dates, tuple(n for n, (_, key) in enumerate(found) if key)
-
-
-def _decoded_dates(capture: Any) -> Iterator[int]:
-    """Yield the date of each frame that is still to be decoded."""
-    while capture.grab():
-        yield _date(capture)
-
-
-def _date(capture: Any) -> int:
-    """Return the date of the packet or frame just grabbed, microseconds."""
-    import cv2
-
-    return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e3)
-
-
-def _check_even(path: Path, dates: tuple[int, ...]) -> None:
-    """Refuse a film whose frames do not come at a constant rate."""
-    step = np.diff(np.array(dates, np.float64))
-    if not step.size:
-        return
-    usual = float(np.median(step))
-    # a clock of milliseconds, as in MKV, rounds every date
-    uneven = np.abs(step - usual) > max(_UNEVEN * usual, 1000.0)
-    if usual <= 0.0 or uneven.any():
-        at = int(np.argmax(np.abs(step - usual)))
-        raise InputError(
-            f"the frames of {path} do not come at a constant rate: from frame {at} to {at + 1} it "
-            f"takes {step[at] / usual if usual > 0 else 0:.2f} times as long as usual, at "
-            f"{int(uneven.sum())} places in all; record or convert it with a constant rate"
-        )
+    facts = look_through(path)
+    return Video(
+        path, facts.frames, facts.size, facts.rate_hz, facts.notes, facts.dates, facts.keys,
+        quarter_turns=facts.quarter_turns, fields=facts.fields, pixel_aspect=facts.pixel_aspect,
+    )  # fmt: skip
 
 
 def _open_folder(path: Path) -> Video:
@@ -309,15 +248,12 @@ def _open_folder(path: Path) -> Video:
 
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:
-    cv2 = quiet_cv2()
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if data.size else None
-    except (OSError, cv2.error):
-        image = None
-    if image is None:
-        raise InputError(f"{path} is not a picture that can be read; write it again as PNG or JPEG")
-    return image
+        return decode_picture(path)
+    except InputError as error:
+        raise InputError(
+            f"{path} is not a picture that can be read; write it again as PNG or JPEG ({error})"
+        ) from error
 
 
 def _frames_from(video: Video, start: int, end: int) -> Generator[NDArray[np.uint8], None, None]:
@@ -341,42 +277,38 @@ def _decoded(video: Video, start: int, end: int) -> Iterator[NDArray[np.uint8]]:
     """Yield the frames of a file from `start` on."""
     if start == end:
         return
-    cv2 = quiet_cv2()
-    capture, at = _seek(video, start)
-    try:
-        for n in range(at, end):
-            if n > at and not capture.grab():
+    read = RgbReader()
+    if video.fields:  # the filter looks at the neighbors of each frame
+        before = min(start, 1)
+        frames = _checked(video, start - before, min(end + 1, video.frames))
+        chosen = islice(mended(frames, video.fields), before, before + end - start)
+    else:
+        chosen = _checked(video, start, end)
+    for frame in chosen:
+        yield np.rot90(read(frame), video.quarter_turns)
+
+
+def _checked(video: Video, start: int, end: int) -> Iterator[VideoFrame]:
+    """Yield the decoded frames from `start` on; each has to be sound and to carry its date."""
+    frames = frames_from(video.path, video.dates, video.keys, start)
+    with closing(frames):
+        n = -1
+        while n + 1 < end:
+            try:
+                n, frame = next(frames)
+            except InputError:
+                raise
+            except (StopIteration, *FAULTS) as error:
+                raise _cut_off(video, max(n + 1, 0)) from error
+            if frame.is_corrupt:
                 raise _cut_off(video, n)
-            date = _date(capture)
-            if date != video.dates[n]:
+            if video.dates and frame.pts != video.dates[n]:
                 raise InputError(
                     f"frame {n} of {video.path} is missing or out of order when decoded; the file "
                     "is damaged, copy or convert it again"
                 )
             if n >= start:
-                ok, frame = capture.retrieve()
-                if not ok:
-                    raise _cut_off(video, n)
-                yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
-    finally:
-        capture.release()
-
-
-def _seek(video: Video, start: int) -> tuple[Any, int]:
-    """Return a decoder that grabbed a frame at or before `start`, and which frame that is."""
-    cv2 = quiet_cv2()
-    capture = _decoder(video.path)
-    for key in sorted((key for key in video.keys if 0 < key <= start), reverse=True)[:2]:
-        capture.set(cv2.CAP_PROP_POS_FRAMES, key)
-        date = _date(capture) if capture.grab() else -1
-        at = int(np.searchsorted(video.dates, date))
-        if at <= start and video.dates[at] == date:
-            return capture, at
-    capture.release()
-    capture = _decoder(video.path)
-    if not capture.grab():
-        raise _cut_off(video, 0)
-    return capture, 0
+                yield frame
 
 
 def _cut_off(video: Video, frame: int) -> InputError:

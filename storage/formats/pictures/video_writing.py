@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.pictures.video import LARGEST_RATE_HZ, quiet_cv2
+from storage.formats.pictures.film_facts import LARGEST_RATE_HZ
+from storage.formats.pictures.video import quiet_cv2
 
 
 def write_video(path: str | Path, frames: Iterable[NDArray[np.uint8]], rate_hz: float) -> None:

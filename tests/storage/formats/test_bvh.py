@@ -1,11 +1,13 @@
 """BVH: against forward kinematics written frame by frame, and what is said of bad files."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from storage.errors import InputError
+from storage.formats.motion import bvh
 from storage.formats.motion.bvh import read_bvh, write_bvh
 
 WHOLE = """HIERARCHY
@@ -216,6 +218,65 @@ def test_names_that_are_not_utf_8_are_read_and_noted(read):
     assert motion.notes == ("The file is not in UTF-8; its names were read as Latin-1.",)
 
 
+@pytest.mark.parametrize("told", [1, 2])
+def test_frames_beyond_those_that_are_told_are_read_and_noted(read, told):
+    motion = read(WHOLE.replace("Frames: 3", f"Frames: {told}"))
+    np.testing.assert_array_equal(motion.position, read(WHOLE).position)
+    assert motion.notes == (f"'Frames:' says {told}; all of the 3 frames were read.",)
+
+
+@pytest.mark.data
+def test_one_frame_more_than_rokoko_tells_is_read(shared_data):
+    motion = read_bvh(shared_data / "reports" / "R02" / "rokoko_plus1.bvh")
+    assert len(motion.position) == 60
+    assert motion.notes == ("'Frames:' says 59; all of the 60 frames were read.",)
+
+
+def scaled(scale):
+    """The whole file with scale channels on the root and on the hand."""
+    text = WHOLE.replace("CHANNELS 6 X", "CHANNELS 9 Xscale Yscale Zscale X")
+    text = text.replace("CHANNELS 0", "CHANNELS 2 yScale Zrotation")
+    rows = text.index("0.0083333\n") + 10
+    lines = [f"1 1.0 0.9999999 {line} {scale} 30" for line in text[rows:].splitlines()]
+    return text[:rows] + "\n".join(lines) + "\n"
+
+
+def test_scale_channels_of_one_are_left_out(read):
+    motion, plain = read(scaled("1.000")), read(WHOLE.replace("CHANNELS 0", "CHANNELS 0"))
+    turned = [BONES.index(name) for name in BONES if name != "hand End"]
+    np.testing.assert_array_equal(motion.position[:, turned], plain.position[:, turned])
+    assert motion.names == BONES
+    assert motion.notes == ("The scale channels are 1 all along: left out.",)
+
+
+@pytest.mark.parametrize("scale", ["1.2", "0", "100"])
+def test_bones_that_change_their_size_are_refused(read, scale):
+    with pytest.raises(InputError, match=rf"scales 'hand' \('hand' by {scale}\), where bones that"):
+        read(scaled(scale))
+
+
+def test_many_frames_are_placed_as_few_are(read, monkeypatch):
+    motion = read(WHOLE)
+    monkeypatch.setattr(bvh, "_FRAMES_AT_ONCE", 2)
+    np.testing.assert_array_equal(read(WHOLE).position, motion.position)
+
+
+def test_reading_takes_little_more_than_the_numbers_and_the_file(read):
+    head, rows = WHOLE[: WHOLE.index("1 90")].replace("Frames: 3", "Frames: 60000"), 20_000
+    text = (head + WHOLE[WHOLE.index("1 90") :] * rows).encode()
+    read(WHOLE)
+    tracemalloc.start()
+    try:
+        motion = read(text)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    numbers = 60_000 * 13 * 8
+    assert motion.position.shape == (60_000, 6, 3)
+    assert peak < 3 * numbers
+    np.testing.assert_array_equal(motion.position[-3:], motion.position[:3])
+
+
 DAMAGED = "has a damaged hierarchy: "
 
 
@@ -230,7 +291,8 @@ DAMAGED = "has a damaged hierarchy: "
         ("Frames: 3", "Frames: 0", "has '0' frames, where 1 or more are wanted"),
         ("Frames: 3", "Frames: -3", "has '-3' frames, where 1 or more are wanted"),
         ("Frames: 3", "Frames: 4", "holds 3 frames of 13 numbers where it tells 4: it is cut"),
-        ("Frames: 3", "Frames: 2", "holds 3 frames of 13 numbers where it tells 2"),
+        (" 0.75\n", " 0.75\n1 2\n", "holds 3.15385 frames of 13 numbers where it tells 3"),
+        ("2 91 3", "2 9_1 3", "has '9_1' in frame 2 where a number is wanted"),
         ("Frames: 3", "Frames: 999999999999", "holds 3 frames of 13 numbers where it tells"),
         (" 0.75\n", "\n", "holds 2.92308 frames of 13 numbers where it tells 3"),
         (" 0.25\n2 ", "\n0.25 2 ", "has 12 numbers in frame 1 where 13 are wanted"),

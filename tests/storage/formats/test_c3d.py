@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import lzma
 import struct
 import warnings
 
@@ -216,6 +217,81 @@ def test_names_that_are_not_utf_8_are_read_and_noted(written):
     motion = read_c3d(path)
     assert motion.names[0] == "Hüft"
     assert motion.notes == ("The names are not in UTF-8; they were read as Latin-1.",)
+
+
+def test_japanese_labels_in_cp932_are_read_and_noted(written):
+    path, _ = written
+    path.write_bytes(path.read_bytes().replace(b"RHipLHip", "右腰".encode("cp932") + b"LHip"))
+    motion = read_c3d(path)
+    assert motion.names[:2] == ("右腰", "LHip")
+    assert motion.notes == (
+        "The names are not in UTF-8; they were read as cp932 (Japanese Windows).",
+    )
+    path.write_bytes(path.read_bytes().replace("右腰".encode("cp932"), "Таз ".encode("cp1251")))
+    with pytest.raises(InputError, match="encoding that cannot be told"):
+        read_c3d(path)
+
+
+@pytest.mark.parametrize(
+    ("said", "up"), [(b"+Z", "z"), (b"+Y", "y"), (b"-Z", "-z"), (b"Z ", "z"), (b"up", None)]
+)
+def test_the_screen_says_which_axis_points_up(written, said, up):
+    path, _ = written
+    data = path.read_bytes()
+    at = data.index(b"Y_SCREEN") + len(b"Y_SCREEN") + 6
+    assert data[at : at + 2] == b"+Y"
+    path.write_bytes(data[:at] + said + data[at + 2 :])
+    assert read_c3d(path).up == up
+
+
+def test_positions_at_zero_with_a_residual_of_zero_are_gaps(written):
+    path, position = written
+    data = path.read_bytes()
+    start = (struct.unpack_from("<H", data, 16)[0] - 1) * 512
+    path.write_bytes(data[:start] + bytes(16) + data[start + 16 :])
+    motion = read_c3d(path)
+    assert np.isnan(motion.position[0, 0]).all()
+    np.testing.assert_allclose(motion.position[0, 1:] / 1000, position[0, 1:], rtol=0, atol=1e-6)
+    assert "1 positions are exactly 0, 0, 0" in motion.notes[0]
+
+
+def only_sixteen_bits(data, count):
+    """The file with no other count of its frames than a 16-bit one."""
+    spoiled = bytearray(data.replace(b"ACTUAL", b"XCTUAL"))
+    struct.pack_into("<H", spoiled, 8, count)
+    return change(bytes(spoiled), "FRAMES", struct.pack("<H", count))
+
+
+@pytest.mark.parametrize("filling", [0, 480])
+@pytest.mark.parametrize("count", [65535, 66_001 - 65536], ids=["stops", "begins again"])
+def test_frames_that_the_header_cannot_count_are_read_all_the_same(tmp_path, count, filling):
+    position = np.random.default_rng(9).normal(0, 1, (66_001, 2, 3))
+    write_c3d(tmp_path / "long.c3d", position, ["A", "B"], 120.0)
+    data = (tmp_path / "long.c3d").read_bytes()
+    assert len(data) % 512 == 32
+    path = tmp_path / "short.c3d"
+    path.write_bytes(only_sixteen_bits(data, count) + bytes(filling))
+    motion = read_c3d(path)
+    np.testing.assert_allclose(motion.position / 1000, position, rtol=0, atol=1e-6)
+    assert motion.notes == (
+        "The file counts its frames only to 65,535; it holds 66,001, which were read.",
+    )
+
+
+@pytest.mark.data
+def test_a_long_trial_keeps_all_of_its_frames(shared_data, tmp_path):
+    packed = shared_data / "reports" / "R10" / "long8.c3d.xz"
+    (tmp_path / "long.c3d").write_bytes(lzma.decompress(packed.read_bytes()))
+    assert read_c3d(tmp_path / "long.c3d").position.shape[0] == 66_000
+
+
+def test_what_is_left_out_is_said_in_frames_and_seconds(written):
+    path, position = written
+    data = path.read_bytes()
+    path.write_bytes(data + bytes(range(1, 65)) * 16)
+    motion = read_c3d(path)
+    assert motion.position.shape == position.shape
+    assert "would be 19 frames more (0.317 s)" in motion.notes[0]
 
 
 def test_infinite_and_absurd_positions_are_missing(written):

@@ -1,6 +1,7 @@
 """A capture is read when it is whole; each fault planted in one is named, all at once."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -16,6 +17,7 @@ from tasks.studio.filming import stretch_arms_first
 from tests.conftest import swaying_body
 from tests.figures import calibration_files as files
 from tests.figures.calibration_files import NAMES, in_z_up, looking_at, rig
+from tests.figures.films import moving, write_film
 
 TOML = """
 [take]
@@ -396,3 +398,64 @@ def test_the_rendered_captures_are_right(shared_data, name):
     unit, seen = capture.notes
     assert "read as metres" in unit
     assert "cam1" in seen
+
+
+def test_films_of_camcorders_are_read_and_their_notes_said_once(folder):
+    for name in NAMES:
+        path = folder / "videos" / f"{name}.mp4"
+        path.unlink()
+        write_film(
+            path.with_suffix(".mts"), moving(FRAMES, rows=480, columns=640), "libx264",
+            options={"flags": "+ilme+ildct", "x264-params": "tff=1"}, aspect="4/3",
+        )  # fmt: skip
+    capture = read_capture(folder)
+    assert [path.suffix for path in capture.videos] == [".mts"] * len(NAMES)
+    for said in ("Pixels are 1.333 times as wide", "The film says that it is interlaced, but"):
+        assert [said in note for note in capture.notes].count(True) == 1
+        note = next(note for note in capture.notes if said in note)
+        assert sorted(re.findall("'(.+?)'", note.split(":")[0])) == sorted(NAMES)
+
+
+def test_films_and_backgrounds_that_do_not_date_their_frames_are_said_in_one_note(folder):
+    for name in NAMES:
+        (folder / "videos" / f"{name}.mp4").unlink()
+        (folder / "background" / f"{name}.png").unlink()
+        frames = moving(FRAMES, rows=480, columns=640)
+        write_film(folder / "videos" / f"{name}.avi", frames, "libx264", options={"bf": "3"})
+        shutil.copy(folder / "videos" / f"{name}.avi", folder / "background")
+    notes = [note for note in read_capture(folder).notes if "when each frame is shown" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("The videos of ")
+    assert " and the backgrounds of " in notes[0]
+
+
+def test_files_of_kinds_that_are_not_read_are_named_with_those_that_are(folder):
+    for name in NAMES:
+        path = folder / "videos" / f"{name}.mp4"
+        path.rename(path.with_suffix(".braw"))
+    (said,) = [fault for fault in faults(folder) if "has no video" in fault]
+    assert "'2.braw'" in said
+    assert re.search(r"is of no kind that is read \(\.mp4, \.m4v, .*\.mts.*\)", said)
+
+
+@pytest.mark.parametrize(
+    ("size", "aspect", "said"),
+    [((480, 480), "4/3", "are not square, so that players show 640x480; calibrate with pictures"),
+     ((320, 480), "4/3", "players show 427x480, or one of them was cut; calibrate with")],
+)  # fmt: skip
+def test_a_film_whose_pixels_are_not_square_is_not_said_to_be_cut(folder, size, aspect, said):
+    frames = moving(FRAMES, rows=size[1], columns=size[0])
+    path = folder / "videos" / "2.mp4"
+    write_film(path, frames, "libx264", aspect=aspect)
+    (fault,) = [fault for fault in faults(folder) if "camera '2': its video is" in fault]
+    assert said in fault
+    assert "of another shape" not in fault
+
+
+def test_a_background_grabbed_from_a_player_is_said(folder):
+    frames = moving(FRAMES, rows=480, columns=480)
+    write_film(folder / "videos" / "2.mp4", frames, "libx264", aspect="4/3")
+    text = (folder / "calibration.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("size")]
+    (folder / "calibration.toml").write_text("\n".join(lines))
+    assert any("bring the background as a film of its own" in fault for fault in faults(folder))

@@ -71,7 +71,22 @@ def test_the_same_motion_comes_out_of_every_layout(read, change):
 def test_cells_between_spaces_are_read_where_none_is_missing(read):
     text = WHOLE.replace("\t\t\t\t7", "\t0\t0\t0\t7").replace("12\t\t\t", "12\t0\t0\t0")
     motion = read(text.replace("\t", "  "))
-    np.testing.assert_array_equal(motion.position, np.nan_to_num(POSITION))
+    np.testing.assert_array_equal(motion.position, POSITION)
+    assert motion.notes == (
+        "2 positions are exactly 0, 0, 0 and were taken as missing (frames of A 1, B 1).",
+    )
+
+
+@pytest.mark.data
+def test_gaps_written_as_zeros_are_gaps(shared_data):
+    folder = shared_data / "reports" / "R01"
+    zeros, blanks = (read_trc(folder / f"{name}.trc") for name in ("zero", "expected_as_blank"))
+    np.testing.assert_array_equal(zeros.position, blanks.position)
+    assert np.isnan(zeros.position).any()
+    assert zeros.notes == (
+        "53 positions are exactly 0, 0, 0 and were taken as missing (frames of RWrist 30, "
+        "RHip 23).",
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import threading
 import tracemalloc
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -85,51 +86,53 @@ def test_every_frame_is_where_its_number_says_however_it_is_asked_for(tmp_path, 
 def test_a_film_whose_packets_have_no_dates_is_read_from_its_beginning_and_says_so():
     video = open_video(MADE / "b_frames.avi")
     assert not video.keys
-    assert "does not date its frames" in video.notes[0]
+    assert "does not say when each frame is shown" in video.notes[0]
+
+
+class Container:
+    """An open film, to be spoiled."""
+
+    def __init__(self, real):
+        self.real = real
+
+    def __getattr__(self, name):
+        return getattr(self.real, name)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.real.close()
 
 
 def test_a_seek_that_lands_behind_its_frame_is_not_believed(monkeypatch):
     video = open_video(MADE / "b_frames.mp4")
     sought = []
 
-    class Skipping:
-        """A decoder whose seeks land two frames too late."""
+    class Skipping(Container):
+        """A film whose seeks land a key frame too late."""
 
-        def __init__(self, *arguments):
-            self.capture = real(*arguments)
+        def seek(self, offset, **options):
+            sought.append(offset)
+            self.real.seek(offset + 12 * 3000, **options)
 
-        def set(self, name, value):
-            late = 2 if name == cv2.CAP_PROP_POS_FRAMES else 0
-            sought.append(value)
-            return self.capture.set(name, value + late)
-
-        def __getattr__(self, name):
-            return getattr(self.capture, name)
-
-    real = cv2.VideoCapture
-    monkeypatch.setattr(cv2, "VideoCapture", Skipping)
+    real = av.open
+    monkeypatch.setattr(av, "open", lambda *names, **options: Skipping(real(*names, **options)))
     assert [number_of(frame) for frame in read_frames(video, 37, 41)] == [37, 38, 39, 40]
-    assert sought
+    assert sought == [36 * 3000, 24 * 3000]
 
 
 def test_a_frame_that_the_decoder_drops_is_noticed(monkeypatch):
     video = open_video(MADE / "b_frames.mp4")
 
-    class Dropping:
-        """A decoder that leaves out the sixth frame."""
+    class Dropping(Container):
+        """A film of which the sixth frame is not decoded."""
 
-        def __init__(self, *arguments):
-            self.capture, self.grabbed = real(*arguments), 0
+        def demux(self, stream):
+            return (packet for packet in self.real.demux(stream) if packet.pts != 5 * 3000)
 
-        def grab(self):
-            self.grabbed += 1
-            return self.capture.grab() and (self.grabbed != 6 or self.capture.grab())
-
-        def __getattr__(self, name):
-            return getattr(self.capture, name)
-
-    real = cv2.VideoCapture
-    monkeypatch.setattr(cv2, "VideoCapture", Dropping)
+    real = av.open
+    monkeypatch.setattr(av, "open", lambda *names, **options: Dropping(real(*names, **options)))
     assert len(read_frames(video, 0, 5)) == 5
     with pytest.raises(InputError, match=r"frame 5 of .* is missing or out of order"):
         read_frames(video, 0, 9)

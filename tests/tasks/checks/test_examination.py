@@ -1,6 +1,7 @@
 """`shosa doctor CAPTURE` examines a small filmed capture, and names what was done to it."""
 
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from flows.command.main import main
 from storage.formats.pictures.video import VIDEO_SUFFIXES
+from tasks.checks.examination import _names_apart
 from tasks.checks.pictures import draw_silhouette
 from tasks.studio.filming import (
     FilmSettings,
@@ -119,6 +121,35 @@ def test_pictures_are_not_written_into_the_capture(capture, capsys):
     assert main(["doctor", str(capture), "--out", str(capture / "checks")]) == 3
     assert "is within the capture" in capsys.readouterr().err
     assert not (capture / "checks").exists()
+
+
+@pytest.mark.slow
+def test_where_nothing_can_be_written_the_table_comes_anyway(capture, capsys, tmp_path):
+    (tmp_path / "sway-doctor").write_text("in the way, as a disk that is only read would be")
+    assert main(["doctor", str(capture)]) == 0
+    heard = capsys.readouterr()
+    assert len(heard.out.splitlines()) >= 8
+    assert heard.out.splitlines()[-1] == "ok"
+    assert "pictures: none, they could not be written" in heard.out
+    assert "the pictures cannot be written into sway-doctor" in heard.err
+    assert "name a folder that can be written by --out" in heard.err
+    assert main(["doctor", str(capture), "--out", str(tmp_path / "sway-doctor" / "in")]) == 3
+    assert "ok" in capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.slow
+def test_captures_of_one_name_have_folders_of_their_own(capture, capsys, tmp_path):
+    other = tmp_path / "other" / "Sway"
+    shutil.copytree(capture, other)
+    assert main(["doctor", str(capture), str(other)]) == 0
+    folders = [line for line in capsys.readouterr().out.splitlines() if "pictures: " in line]
+    assert folders == ["pictures: sway-doctor", "pictures: other-Sway-doctor"]
+    assert all(len(list((tmp_path / line[10:]).iterdir())) == 5 for line in folders)
+
+
+def test_names_of_captures_are_told_apart():
+    folders = [Path(each) for each in ("/a/x", "/b/X", "/c/b-x", "/b/X", "/d/é", "/e/e\u0301")]
+    assert _names_apart(folders) == ["x", "b-X", "c-b-x", "X-2", "é", "e-e\u0301"]
 
 
 def test_the_outline_is_drawn_around_the_silhouette():

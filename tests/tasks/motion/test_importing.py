@@ -1,6 +1,7 @@
 """A body that stands, right side; it looks to -z."""
 
 import os
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 
@@ -247,6 +248,15 @@ def test_a_joint_map_that_cannot_be_used_says_why(tmp_path, text, match):
         read_joint_map(path)
 
 
+def test_a_joint_map_may_bear_a_mark_and_decomposed_names(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text(f'RHip = "{unicodedata.normalize("NFD", "ガメラ")}"\n', encoding="utf-8-sig")
+    assert read_joint_map(path) == (("RHip", ("ガメラ",)),)
+    path.write_text('RHip = "左膝"\n', encoding="cp932")
+    with pytest.raises(InputError, match="not in UTF-8 but looks like cp932"):
+        read_joint_map(path)
+
+
 def test_a_joint_map_that_is_not_there_says_so(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_joint_map(tmp_path / "none.toml")
@@ -320,6 +330,27 @@ class TestSharedRecordings:
                 k = JOINTS.index(side + name)
                 apart = np.linalg.norm(measured.position[:, k] - modeled.position[:, k], axis=1)
                 assert np.nanmedian(apart) < limit_m, side + name
+
+    def test_a_map_to_a_bone_that_is_not_there_is_refused_with_the_nearest(self):
+        folder = DATA / "reports/R04"
+        motion = read_motion_file(folder / "mmd_utf-8.bvh")
+        settings = ImportSettings(mapping=read_joint_map(folder / "mmd_typo.toml"))
+        with pytest.raises(
+            InputError, match=r"LKnee = '左膝', not in the file; near it: .*左ひざ.*RKnee = '右膝'"
+        ):
+            make_joint_track(motion, settings, file_name="mmd")
+        settings = ImportSettings(mapping=read_joint_map(folder / "mmd.toml"))
+        track = make_joint_track(motion, settings, file_name="mmd")
+        knee = track.position[:, JOINTS.index("LKnee")]
+        place = motion.position[:, motion.names.index("左ひざ")] * 0.01
+        np.testing.assert_allclose(knee, place, atol=1e-5)
+
+    @pytest.mark.parametrize(("name", "marker_set"), [("dots", "CMU"), ("biped", "3ds Max Biped")])
+    def test_bones_with_a_shared_prefix_make_a_body(self, name, marker_set):
+        track = shared_track(f"reports/R16/{name}.bvh")
+        assert track.marker_set == marker_set
+        assert track.stature_m == pytest.approx(1.546, abs=0.01)
+        assert said(track, "Missing joints: RHeel, LHeel.")
 
     @pytest.mark.parametrize("name", ["Eb015pi", "Eb015pr", "pc_real", "walkingOptiTrack"])
     def test_files_of_clusters_alone_are_refused_with_their_names(self, name):

@@ -1,11 +1,13 @@
 """Which names make which joints: each system's names, written here from its own documents."""
 
+import unicodedata
+
 import numpy as np
 import pytest
 
 from storage.schema import JOINTS
 from tasks.motion.marker_choice import choose_points, nearest_names, place_joints
-from tasks.motion.marker_sets import MARKER_SETS
+from tasks.motion.marker_sets import MARKER_SETS, bare_name
 from tasks.motion.virtual_joints import _RULES
 
 FRAMES = 5
@@ -111,6 +113,63 @@ BONES = {
         "Foot": "RToe End",
         "": "Hip Chest Head RShoulder RToe",
     },
+    "3ds Max Biped": {
+        "Head": "Bip01 HeadNub",
+        "Neck": "Bip01 Neck",
+        "Waist": "Bip01 Spine",
+        "Shoulder": "Bip01 R UpperArm",
+        "Elbow": "Bip01 R Forearm",
+        "Wrist": "Bip01 R Hand",
+        "Fin": "Bip01 R Finger2Nub",
+        "Hip": "Bip01 R Thigh",
+        "Knee": "Bip01 R Calf",
+        "Ankle": "Bip01 R Foot",
+        "Foot": "Bip01 R Toe0Nub",
+        "": "Bip01",
+    },
+    "Rokoko": {
+        "Head": "Head End",
+        "Neck": "Neck",
+        "Waist": "Spine1",
+        "Shoulder": "RightArm",
+        "Elbow": "RightForeArm",
+        "Wrist": "RightHand",
+        "Fin": "RightFinger3Tip",
+        "Hip": "RightThigh",
+        "Knee": "RightShin",
+        "Ankle": "RightFoot",
+        "Foot": "RightToeTip",
+        "": "Root Hips Spine2 Spine3 Spine4 Head RightShoulder LeftShoulder RightToe",
+    },
+    "Unreal mannequin": {
+        "Head": "head End",
+        "Neck": "neck_01",
+        "Waist": "spine_01",
+        "Shoulder": "upperarm_r",
+        "Elbow": "lowerarm_r",
+        "Wrist": "hand_r",
+        "Fin": "middle_03_r End",
+        "Hip": "thigh_r",
+        "Knee": "calf_r",
+        "Ankle": "foot_r",
+        "Foot": "ball_r End",
+        "": "root pelvis spine_02 spine_03 head clavicle_r clavicle_l ball_r ball_l thumb_01_l",
+    },
+    "Blender Rigify": {
+        "Head": "DEF-spine.006 End",
+        "Neck": "DEF-spine.004",
+        "Waist": "DEF-spine.001",
+        "Shoulder": "DEF-upper_arm.R",
+        "Elbow": "DEF-forearm.R",
+        "Wrist": "DEF-hand.R",
+        "Fin": "DEF-f_middle.03.R End",
+        "Hip": "DEF-thigh.R",
+        "Knee": "DEF-shin.R",
+        "Ankle": "DEF-foot.R",
+        "Foot": "DEF-toe.R End",
+        "": "DEF-spine DEF-spine.002 DEF-spine.003 DEF-spine.006 DEF-shoulder.R DEF-toe.R "
+        "DEF-upper_arm.R.001 DEF-thigh.R.001",
+    },
     "hip-knee-ankle bones": {
         "Head": "Head End",
         "Neck": "Neck",
@@ -162,7 +221,8 @@ WITHOUT = {"OpenSim": {"Head", "RFin", "LFin"}}
 
 def left(name):
     """The name of the other side, as these systems spell it."""
-    for right, other in (("Right", "Left"), ("_R", "_L")):
+    sides = ("Right", "Left"), ("_R", "_L"), (" R ", " L "), ("_r", "_l"), (".R", ".L")
+    for right, other in sides:
         if right in name:
             return name.replace(right, other)
     head, colon, tail = name.rpartition(":")
@@ -225,6 +285,50 @@ def test_prefix_case_and_punctuation_of_names_do_not_matter(system, spell):
     spelled = choose_points([spell(name) for name in names], np.ones((FRAMES, len(names)), bool))
     assert spelled.recipes == plain.recipes
     assert spelled.marker_set == plain.marker_set
+
+
+@pytest.mark.parametrize("root", ["", "World"])
+@pytest.mark.parametrize("prefix", ["Model.", "Bip01 ", "Skeleton_001_", "a:b:", "Mesh.Bip01_"])
+@pytest.mark.parametrize("system", ["CMU", "DAZ", "Unreal mannequin", "Blender Rigify"])
+def test_words_that_begin_nearly_all_bones_do_not_matter(system, prefix, root):
+    names, position, _ = skeleton(BONES[system])
+    plain = choose(names, position)
+    spelled = choose([prefix + name for name in names], position)
+    assert (spelled.recipes, spelled.marker_set) == (plain.recipes, plain.marker_set)
+    if root:
+        more = np.concatenate([position, position[:, :1]], axis=1)
+        spelled = choose([*(prefix + name for name in names), root], more)
+        assert (spelled.recipes, spelled.marker_set) == (plain.recipes, plain.marker_set)
+
+
+def test_a_map_may_leave_out_what_all_bones_begin_with():
+    names = ("Model.P1", "Model.P2", "Model.P3")
+    present = np.ones((FRAMES, 3), bool)
+    for asked in ("Model.P2", "model.p2", "P2"):
+        assert choose_points(names, present, [("RHip", (asked,))]).recipes == {"RHip": (1,)}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("左ひざ", "左膝"), ("колено", "таз"), ("की", "का"), ("★", "●"), ("膝1", "膝2"), ("か", "が")],
+)
+def test_names_without_latin_letters_are_not_all_the_same(one, other):
+    assert bare_name(one) != bare_name(other)
+    choice = choose_points((one, "Neck"), np.ones((FRAMES, 2), bool), [("RKnee", (other,))])
+    assert "RKnee" not in choice.recipes
+    assert f"the map gives RKnee = {other!r}, not in the file" in choice.faults[0]
+
+
+@pytest.mark.parametrize("forms", [("NFC", "NFD"), ("NFD", "NFC"), ("NFD", "NFD")])
+def test_names_are_the_same_composed_and_decomposed(forms):
+    bone, asked = (unicodedata.normalize(form, "ガメラ1") for form in forms)
+    choice = choose_points(("Neck", bone), np.ones((FRAMES, 2), bool), [("RKnee", (asked,))])
+    assert choice.recipes["RKnee"] == (1,)
+
+
+def test_the_nearest_of_kanji_names_share_a_letter():
+    near = nearest_names("左膝", ("首", "左ひざ", "右ひざ", "左足首"))
+    assert set(near) == {"左ひざ", "左足首"}
 
 
 def test_the_order_of_markers_changes_nothing(rng):

@@ -152,8 +152,11 @@ def _newest_records(place: Place) -> dict[str, int]:
     """Return the highest number of a record, by take; what else lies about is passed over."""
     if place.folder and (top := place.folder / "published").exists() and not top.is_dir():
         raise ArchiveError(f"{top} is no folder; put the records back from a copy of the archive")
+    if place.folder:  # a folder in place of a record counts, so that it is told
+        takes = {take: record_numbers(place, take) for take in list_names(place, "published")}
+        return {take: max(numbers) for take, numbers in takes.items() if numbers}
     newest: dict[str, int] = {}
-    for file in list_files(place, "published"):
+    for file in list_files(place, "published"):  # in one request
         parts = file.path.split("/")
         number = record_number(file.path)
         if len(parts) == 3 and number is not None:

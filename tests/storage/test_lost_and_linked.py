@@ -281,6 +281,10 @@ def test_a_pipe_or_a_folder_in_place_of_a_file_is_refused_at_once(archive, root)
             read_file(archive.place, path)
     with pytest.raises(ArchiveError, match="is no regular file"):
         read_file(archive.place, "takes")
+    (root / "published/okuri49/000001.json").unlink()
+    (root / "published/okuri49/000001.json").mkdir()
+    assert archive.takes() == ["okuri48", "okuri49"]
+    assert "is no regular file" in verify_take(archive.place, "okuri49")[0]
     shutil.rmtree(root / "published")
     (root / "published").write_text("?")
     with pytest.raises(ArchiveError, match="published is no folder"):

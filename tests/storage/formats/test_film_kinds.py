@@ -140,7 +140,9 @@ def unflagged(path):
 def test_whole_frames_that_are_flagged_as_interlaced_are_read_as_they_are(
     tmp_path, suffix, codec, options
 ):
-    path = write_film(tmp_path / f"film.{suffix}", moving(20), codec, options=INTERLACED | options)
+    frames = moving(20)
+    frames[:, 48:, :, 0] //= 2  # colors, for of these a flag makes others
+    path = write_film(tmp_path / f"film.{suffix}", frames, codec, options=INTERLACED | options)
     video, found = whole(path)
     assert (video.frames, video.fields) == (20, "")
     assert "says that it is interlaced, but no frame that moves holds two" in video.notes[0]

@@ -11,7 +11,7 @@
 from pathlib import Path
 
 import storage
-from flows.ingestion import ingest_archive
+from flows.ingestion import run_ingestion
 from storage.formats.pictures.pictures import write_png
 from tasks.exporting.joints import write_joint_track
 from tasks.rendering.figures import draw_overlay
@@ -70,11 +70,11 @@ if not capture.exists():
 # %% [markdown]
 # ## From recordings to an archive
 #
-# `ingest_archive` is what `shosa ingest` runs. Run it again, and everything is "unchanged". For a
+# `run_ingestion` is what `shosa ingest` runs. Run it again, and everything is "unchanged". For a
 # file that cannot be used, `reason` says why.
 
 # %%
-for outcome in ingest_archive(str(folder / "archive"), [str(recordings)]):
+for outcome in run_ingestion(str(folder / "archive"), [str(recordings)]):
     print(outcome.status, outcome.take, outcome.frames, outcome.reason)
 
 # %% [markdown]

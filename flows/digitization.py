@@ -1,7 +1,7 @@
 """Captures into takes: the chain of stages as a Prefect flow."""
 
-import hashlib
 import logging
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,13 @@ from prefect import flow
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
 from storage import open_archive
-from storage.blocks import discard_blocks
+from storage.blocks import Block, Written, discard_blocks
+from storage.errors import ArchiveError
 from storage.formats.capture.capture import capture_of
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
-from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.cached import run_once
 from tasks.capture.films import block_ranges
-from tasks.engine.fingerprints import fingerprint
 from tasks.retrieval.indexing import index_take
 from tasks.settings import (
     Settings,
@@ -27,7 +26,8 @@ from tasks.settings import (
     read_settings,
     settings_of_stages,
 )
-from tasks.takes.assembling import assemble_take, is_digitized
+from tasks.takes.assembling import Blocks, assemble_take
+from tasks.takes.identity import code_of, why_anew
 from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
@@ -35,11 +35,15 @@ logger = logging.getLogger(__name__)
 
 @flow(name="digitize_take", flow_run_name="digitize {recording.take}", persist_result=False)
 def digitize_take(
-    archive: str, recording: Recording, settings: dict[str, Any] | None = None
+    archive: str,
+    recording: Recording,
+    settings: dict[str, Any] | None = None,
+    again: bool = False,  # noqa: FBT001, FBT002 - Prefect passes parameters by name
 ) -> dict[str, Any]:
     """Take a capture into the archive at `archive`, stage after stage, block after block.
 
-    A run that was killed is gone on with: the blocks that it finished are not computed again.
+    A run that was killed is gone on with, on whatever machine: the blocks that it finished are not
+    computed again.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ def digitize_take(
     settings
         Tables as in a file of settings (`{"pose_fitting": {"method": "paper"}}`), which come
         before those of the capture's `digitize.toml`.
+    again
+        Make the take anew, though the archive has it.
 
     Returns
     -------
@@ -61,15 +67,44 @@ def digitize_take(
     InputError
         If the capture cannot be digitized, with all that is wrong.
     """
-    chosen, notes = _choose_settings(recording, settings or {})
-    identity = _identity(recording, chosen)
+    chosen, notes = choose_settings(recording, settings or {})
     opened = open_archive(archive)
-    if is_digitized(opened, recording.take, identity):
-        return {**asdict(opened.take(recording.take).record), "published": False}
-    _say_why_again(read_record(opened.place, recording.take), recording)
+    changed = changed_settings(chosen)
+    reason, record = why_anew(opened, recording, changed)
+    if record and not reason and not again:
+        return {**asdict(record), "published": False}
+    if record and record.source["digest"] == recording.digest:
+        logger.info("%s is digitized anew: %s", recording.take, reason or "it was asked for")
+    made: list[Block] = []
+    try:
+        draft, blocks = _make_draft(archive, recording, chosen, notes, made)
+        publish_take(archive, draft, over=record.number if record else 0)
+    except ArchiveError:
+        # another run that took in the same has published it, and removed the blocks
+        still, other = why_anew(opened, recording, changed)
+        if again or still or not other:
+            raise
+        discard_blocks(opened.place, made)
+        return {**asdict(other), "published": False}
+    discard_blocks(opened.place, made)
+    take = opened.take(recording.take)
+    show_digitized(take, blocks)
+    return {**asdict(take.record), "published": True}
+
+
+def _make_draft(
+    archive: str, recording: Recording, chosen: Settings, notes: list[str], made: list[Block]
+) -> tuple[dict[str, Any], Blocks]:
+    """Run all stages; return the draft of the record, and the blocks, which `made` gets at once."""
+
+    def run(function: Callable[..., Written], **parameters: Any) -> Written:
+        written = run_once(function, **parameters)
+        made.append(written.block)
+        return written
+
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, len(block_ranges(capture)), capture.frames)
-    blocks, found = chain.digitize(archive, recording, chosen, run=run_once, tell=tell)
+    blocks, found = chain.digitize(archive, recording, chosen, run=run, tell=tell)
     draft = assemble_take(
         archive,
         recording.path,
@@ -78,20 +113,15 @@ def digitize_take(
         blocks,
         settings=settings_of_stages(chosen),
         changed=changed_settings(chosen),
-        identity=identity,
+        code=code_of("capture"),
         notes=[*notes, *found],
     )
     if "motion" in draft["stages"]:
         run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
-    publish_take(archive, draft)
-    discard_blocks(opened.place, recording.take, recording.digest)
-    record = read_record(opened.place, recording.take)
-    assert record is not None  # it was published just now
-    show_digitized(opened.take(recording.take), blocks)
-    return {**asdict(record), "published": True}
+    return draft, blocks
 
 
-def _choose_settings(recording: Recording, given: dict[str, Any]) -> tuple[Settings, list[str]]:
+def choose_settings(recording: Recording, given: dict[str, Any]) -> tuple[Settings, list[str]]:
     """Return the settings of a capture, those that were given first, and what both set."""
     own = read_capture_settings(Path(recording.path))
     read_settings(own, f"{recording.path}/{SETTINGS_FILE}")  # its faults are told as its own
@@ -102,24 +132,3 @@ def _choose_settings(recording: Recording, given: dict[str, Any]) -> tuple[Setti
         for name in both
     ]
     return read_settings(merged, "the settings of this run").that_are_read(), notes
-
-
-def _identity(recording: Recording, settings: Settings) -> str:
-    """Name what makes a take what it is: the capture, the settings and the code."""
-    parts = [
-        fingerprint(chain.digitize, {"settings": settings}),
-        fingerprint(assemble_take, {}),
-        recording.digest,
-    ]
-    return hashlib.sha256("".join(parts).encode()).hexdigest()
-
-
-def _say_why_again(record: Any, recording: Recording) -> None:
-    """Say why a capture that the archive has is computed anew."""
-    if record and record.source.get("digest") == recording.digest:
-        logger.info(
-            "%s: digitized anew: version %d is of other settings or of another version of the "
-            "program, or was damaged",
-            recording.take,
-            record.number,
-        )

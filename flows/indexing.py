@@ -5,6 +5,7 @@ import logging
 from prefect import flow, task
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.states import Completed, Failed, State
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from storage import open_archive
@@ -12,16 +13,38 @@ from tasks.retrieval.indexing import index_take
 
 logger = logging.getLogger(__name__)
 
+_SAID = 5
+"""How many faults a sentence names. Chosen: a paragraph on a page."""
 _TAKES_A_BLOCK = 64  # about three seconds of takes of a minute; a task run costs 60 ms
+
+
+def run_indexing(archive: str) -> list[str]:
+    """Run the flow `index_archive`, and return each fault as a sentence."""
+    faults = index_archive(archive, return_state=True).result(raise_on_failure=False)
+    if isinstance(faults, Exception):
+        raise faults
+    return faults
 
 
 @flow(
     name="index_archive",
     flow_run_name="index {archive}",
     task_runner=ThreadPoolTaskRunner(max_workers=2),  # type: ignore[arg-type]
+    persist_result=False,
 )
-def index_archive(archive: str) -> list[str]:
-    """Make the search arrays of every take anew; return each fault as a sentence."""
+def index_archive(archive: str) -> State[list[str]]:
+    """Make the search arrays of every take anew.
+
+    Parameters
+    ----------
+    archive
+        A directory or s3://bucket/prefix.
+
+    Returns
+    -------
+    prefect.states.State
+        With each fault as a sentence; Failed where there is one.
+    """
     records, damaged = open_archive(archive).readable_records()
     versions = [(each.take, each.version) for each in records if "motion" in each.stages]
     blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
@@ -33,8 +56,12 @@ def index_archive(archive: str) -> list[str]:
     for done, run in enumerate(runs, start=1):
         faults += run.result()
         update_progress_artifact(progress, progress=100.0 * done / len(runs))  # type: ignore[arg-type]
-    logger.info("indexed %d takes of %s", len(versions) - len(faults), archive)
-    return [*damaged.values(), *faults]
+    said = f"indexed {len(versions) - len(faults)} takes of {archive}"
+    logger.info("%s", said)
+    faults = [*damaged.values(), *faults]
+    if faults:
+        return Failed(message=f"{said}; {'; '.join(faults[:_SAID])}", data=faults)
+    return Completed(message=said, data=faults)
 
 
 @task(task_run_name="index from {block[0][0]}", cache_policy=NO_CACHE)

@@ -1,7 +1,10 @@
 """Motion files and captures into the takes of an archive."""
 
 import logging
+from collections.abc import Sequence
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from prefect import flow, task
@@ -11,16 +14,34 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 from prefect.cache_policies import NO_CACHE
+from prefect.runtime import deployment
+from prefect.states import Completed, Failed, State
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows.digitization import digitize_take
-from storage import create_archive
-from storage.errors import ArchiveError, InputError, PlaceError
-from storage.recordings import Recording, Refusal, find_recordings, plan_takes
-from tasks.cached import run_once
-from tasks.motion.importing import ImportSettings, import_take
-from tasks.retrieval.indexing import index_take
-from tasks.settings import read_settings
+from flows.digitization import choose_settings, digitize_take
+from flows.server import SERVER_IS_GONE, is_server_fault
+from storage import create_archive, open_archive
+from storage.archive import Archive
+from storage.errors import ArchiveError, ConflictError, InputError, PlaceError
+from storage.places import can_pass
+from storage.recordings import (
+    Recording,
+    Refusal,
+    find_recordings,
+    plan_takes,
+    remember_source,
+    take_of_content,
+)
+from storage.records import read_record
+from tasks.motion.importing import (
+    ImportSettings,
+    changed_import_settings,
+    import_take,
+    settings_for,
+)
+from tasks.retrieval.indexing import find_index, index_take
+from tasks.settings import changed_settings, read_settings
+from tasks.takes.identity import why_anew
 from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
@@ -41,20 +62,66 @@ class Outcome:
     reason: str = ""
 
 
+_SAID = 5
+"""How many recordings a sentence names that were not taken in. Chosen: a paragraph on a page."""
+_RETRIES_S = [10, 60, 300]
+"""How long a scheduled run waits before it tries a recording again that failed because a store was
+away [s]. Restarts take seconds, network faults minutes; after that a person is needed."""
+
+_TOLD: ContextVar[list[Outcome]] = ContextVar("_TOLD")
+"""Where outcomes go as they come, so that they are known though the Prefect server goes away."""
+
+
+def run_ingestion(
+    archive: str,
+    paths: Sequence[str],
+    importing: ImportSettings | None = None,
+    settings: dict[str, Any] | None = None,
+    *,
+    again: bool = False,
+) -> list[Outcome]:
+    """Run the flow `ingest_archive`, and return what became of each recording, good or bad.
+
+    A Prefect server that goes away in the meantime is said, and harms nothing.
+
+    Parameters and errors are those of the flow.
+    """
+    told: list[Outcome] = []
+    token = _TOLD.set(told)
+    try:
+        state = ingest_archive(
+            archive, list(paths), importing, settings, again, return_state=True
+        )  # fmt: skip
+        outcomes = state.result(raise_on_failure=False)
+    except Exception as error:
+        if not told or not is_server_fault(error):
+            raise
+        logger.warning("%s", SERVER_IS_GONE)
+        return told
+    finally:
+        _TOLD.reset(token)
+    if isinstance(outcomes, Exception):
+        raise outcomes
+    return outcomes
+
+
 @flow(
     name="ingest_archive",
     flow_run_name="ingest into {archive}",
     task_runner=ThreadPoolTaskRunner(max_workers=2),  # type: ignore[arg-type]
+    persist_result=False,
 )
 def ingest_archive(
     archive: str,
     paths: list[str],
     importing: ImportSettings | None = None,
     settings: dict[str, Any] | None = None,
-) -> list[Outcome]:
+    again: bool = False,  # noqa: FBT001, FBT002 - Prefect passes parameters by name
+) -> State[list[Outcome]]:
     """Take every motion file and capture among and below `paths` into the archive at `archive`.
 
-    What cannot be used is recorded with its reason, and the others go on.
+    What cannot be used is recorded with its reason, and the others go on. What the archive has is
+    left alone, whatever version of the program made it.
 
     Parameters
     ----------
@@ -66,6 +133,13 @@ def ingest_archive(
         How motion files are read.
     settings
         How captures are digitized: as of `digitize_take`.
+    again
+        Take in anew what the archive has.
+
+    Returns
+    -------
+    prefect.states.State
+        With the outcomes; Completed if all is in, else Failed, saying what is not and why.
 
     Raises
     ------
@@ -83,52 +157,167 @@ def ingest_archive(
     progress = create_progress_artifact(
         progress=0.0, key="ingest-progress", description=f"{total} recordings into {archive}"
     )
-    runs = [
-        ingest_take.submit(opened.location, each, importing, settings) for each in plan.recordings
+    outcomes = _TOLD.get([])
+    outcomes += [_refused(each) for each in plan.refusals]
+    # what the archive has costs no run of a task
+    started = [
+        (each, _unchanged(opened, each, importing, settings, again=again))
+        for each in plan.recordings
     ]
-    outcomes = [_refused(each) for each in plan.refusals]
-    for done, run in enumerate(runs, start=1):
-        result = run.result(raise_on_failure=False)
-        outcomes.append(_tell(_outcome(plan.recordings[done - 1], result), done, total))
+    retried = ingest_take.with_options(retries=len(_RETRIES_S) if deployment.id else 0)
+    runs = [
+        (each, known or retried.submit(opened.location, each, importing, settings, again))
+        for each, known in started
+    ]
+    for done, (recording, run) in enumerate(runs, start=1):
+        result = run if isinstance(run, Outcome) else run.result(raise_on_failure=False)
+        outcomes.append(_tell(_outcome(recording, result), done, total))
         update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
     create_table_artifact(
         key="ingested", table=[_row(each) for each in outcomes], description=f"into {archive}"
     )
-    return outcomes
+    lost = [each for each in outcomes if each.reason]
+    if not lost:
+        return Completed(message=f"All {len(outcomes)} recordings are in.", data=outcomes)
+    return Failed(message=_say_lost(lost, len(outcomes)), data=outcomes)
 
 
-@task(task_run_name="ingest {recording.take}", cache_policy=NO_CACHE)
+@task(
+    task_run_name="ingest {recording.take}",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    retry_delay_seconds=_RETRIES_S,
+    retry_condition_fn=lambda _task, _run, state: can_pass(state.result(raise_on_failure=False)),
+)
 def ingest_take(
     archive: str,
     recording: Recording,
     importing: ImportSettings,
     settings: dict[str, Any] | None,
-) -> Outcome:
-    """Import one file, index it, and publish both at once; or digitize one capture."""
+    again: bool,  # noqa: FBT001 - Prefect passes parameters by name
+) -> State[Outcome]:
+    """Import one file, index it, and publish both at once; or digitize one capture.
+
+    The state is Failed where the recording is refused, by a fault of its own, or fails, by one of
+    the archive's or the machine's.
+    """
     try:
         if recording.kind == "capture":
-            draft = digitize_take(archive, recording, settings)
-            return _finished(recording, draft, published=draft["published"])
-        draft = run_once(import_take, archive=archive, recording=recording, settings=importing)
-        run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
-        published = publish_take(archive, draft)
-    except (InputError, ArchiveError) as error:
-        return Outcome(recording.path, "refused", recording.take, reason=str(error))
+            record, published = _digitize(archive, recording, settings, again=again)
+        else:
+            record, published = _import(archive, recording, importing, again=again)
+    except InputError as error:
+        return _ended(Outcome(recording.path, "refused", recording.take, reason=str(error)))
     except PlaceError as error:
-        return Outcome(recording.path, "failed", recording.take, reason=str(error))
-    return _finished(recording, draft, published=published)
+        if can_pass(error) and deployment.id:
+            raise  # and try again later
+        return _ended(Outcome(recording.path, "failed", recording.take, reason=str(error)))
+    except ArchiveError as error:
+        return _ended(Outcome(recording.path, "failed", recording.take, reason=str(error)))
+    return _ended(_finished(recording, record, "ingested" if published else "unchanged"))
 
 
-def _finished(recording: Recording, draft: dict[str, Any], *, published: bool) -> Outcome:
+def _import(
+    archive: str, recording: Recording, importing: ImportSettings, *, again: bool
+) -> tuple[dict[str, Any], bool]:
+    """Take in a motion file; return its record, and False where the archive had it."""
+    opened = open_archive(archive)
+    before = read_record(opened.place, recording.take)
+    draft = import_take(archive, recording, importing)
+    index_take(archive, draft["take"], draft["version"])
+    try:
+        publish_take(archive, draft, over=before.number if before else 0)
+    except ConflictError:  # another run may have taken in the same
+        changed = changed_import_settings(settings_for(recording, importing))
+        reason, record = why_anew(opened, recording, changed)
+        if again or reason or not record:
+            raise
+        return asdict(record), False
+    return draft, True
+
+
+def _digitize(
+    archive: str, recording: Recording, settings: dict[str, Any] | None, *, again: bool
+) -> tuple[dict[str, Any], bool]:
+    """Digitize a capture; return its record, and False where the archive had it.
+
+    As a flow of its own, as long as there is a Prefect server to tell.
+    """
+    opened = open_archive(archive)
+    before = read_record(opened.place, recording.take)
+    try:
+        draft = digitize_take(archive, recording, settings, again)
+        return draft, draft["published"]
+    except Exception as error:
+        if not is_server_fault(error):
+            raise
+        logger.warning("%s", SERVER_IS_GONE)
+    record = read_record(opened.place, recording.take)
+    if record and record.number > (before.number if before else 0):
+        return asdict(record), True
+    draft = digitize_take.fn(archive, recording, settings, again)
+    return draft, draft["published"]
+
+
+def _unchanged(
+    opened: Archive,
+    recording: Recording,
+    importing: ImportSettings,
+    settings: dict[str, Any] | None,
+    *,
+    again: bool,
+) -> Outcome | None:
+    """Return the outcome of what the archive has, None where the recording is to be taken in."""
+    if again:
+        return None
+    try:
+        if recording.kind == "capture":
+            changed = changed_settings(choose_settings(recording, settings or {})[0])
+        else:
+            changed = changed_import_settings(settings_for(recording, importing))
+        reason, record = why_anew(opened, recording, changed)
+    except (InputError, ArchiveError, PlaceError):
+        return None  # said where it is taken in
+    if reason or not record:
+        return None
+    if take_of_content(opened, recording.digest) is None:
+        remember_source(opened, record)  # of a run that was killed before
+    if (
+        "motion" in record.stages
+        and find_index(opened.location, record.take, record.version) is None
+    ):
+        index_take(opened.location, record.take, record.version)
+    return _finished(recording, asdict(record), "unchanged")
+
+
+def _ended(outcome: Outcome) -> State[Outcome]:
+    """Return the state of the run of a take."""
+    if outcome.reason:
+        return Failed(message=f"{outcome.status}: {outcome.reason}", data=outcome)
+    name = "Completed" if outcome.status == "ingested" else "Unchanged"
+    return Completed(name=name, message=f"{outcome.take}: {outcome.status}", data=outcome)
+
+
+def _say_lost(lost: list[Outcome], total: int) -> str:
+    """Say in one sentence what was not taken in."""
+    said = "; ".join(
+        f"{each.status}: {each.take or Path(each.path).name} ({each.reason})"
+        for each in lost[:_SAID]
+    )
+    more = f"; and {len(lost) - _SAID} more, which the table lists" if len(lost) > _SAID else ""
+    return f"{len(lost)} of {total} recordings were not taken in: {said}{more}"
+
+
+def _finished(recording: Recording, record: dict[str, Any], status: str) -> Outcome:
     """Return the outcome of a recording that is in the archive."""
     return Outcome(
         recording.path,
-        "ingested" if published else "unchanged",
-        draft["take"],
-        draft["frames"],
-        draft["rate_hz"],
-        len(draft["joints_present"]),
-        draft["notes"],
+        status,
+        record["take"],
+        record["frames"],
+        record["rate_hz"],
+        len(record["joints_present"]),
+        record["notes"],
     )
 
 

@@ -1,29 +1,34 @@
 """What a stage has made of a block of frames, between two tasks: a file below work/.
 
     work/<take>/<name>.npz    arrays by name, of some consecutive frames, each compressed by itself
+    work/<take>/<name>.json   what its writer gave back, by which whoever comes next finds it
 
 A block is written in one atomic operation, under a name that says all that it was made from, and
 is read only if its SHA-256 is the one that its writer gave. So a run can be killed anywhere, and
-the next one goes on where it was; when the take is published, its blocks go.
+the next one, on whatever machine, goes on where it was; when the take is published, its blocks go.
 """
 
 import io
+import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numcodecs.zstd import Zstd
 from numpy.typing import NDArray
 
 from storage.errors import ArchiveError
-from storage.places import Place, delete_files, list_files, read_file, write_file
+from storage.places import Place, delete_files, read_file, write_file
 from storage.provenance import digest_bytes
 
 _ZSTD = Zstd(level=1)
 _LONGEST_HEAD = 1 << 16  # of a .npy file
+_DIGITS = 12
+"""How much of a digest stands in a name [hexadecimal digits]. Two of a thousand million names are
+then equal with a probability of 0.2 %, and of one capture there are some hundred."""
 
 
 @dataclass(frozen=True)
@@ -126,12 +131,22 @@ def _unpacked(packed: NDArray[np.uint8]) -> NDArray:
     return values.reshape(shape, order="F" if by_columns else "C")
 
 
-def has_block(place: Place, block: Block) -> bool:
-    """Say whether a block is still there, every byte of it."""
+def remember_block(place: Place, written: Written) -> None:
+    """Let whoever comes next find a block, by its path alone."""
+    content = json.dumps(asdict(written), ensure_ascii=False, allow_nan=False).encode()
+    write_file(place, _memory_path(written.block.path), content)
+
+
+def find_block(place: Place, path: str) -> Written | None:
+    """Return what was written at a path, or None where it is not there, every byte of it."""
     try:
-        return digest_bytes(read_file(place, block.path)) == block.sha256
-    except FileNotFoundError:
-        return False
+        fields = json.loads(read_file(place, _memory_path(path)))
+        block = Block(**fields["block"])
+        written = Written(block, float(fields["seconds"]), tuple(fields["notes"]))
+        whole = block.path == path and digest_bytes(read_file(place, path)) == block.sha256
+    except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return written if whole else None
 
 
 def block_path(take: str, digest: str, stage: str, start: int) -> str:
@@ -139,16 +154,20 @@ def block_path(take: str, digest: str, stage: str, start: int) -> str:
 
     `digest` is that of the capture.
     """
-    return f"{_block_prefix(take, digest)}{stage}-{start:08d}.npz"
+    return f"work/{take}/{digest[:_DIGITS]}-{stage}-{start:08d}.npz"
 
 
-def discard_blocks(place: Place, take: str, digest: str) -> None:
-    """Remove the blocks made of a capture, as far as that goes."""
-    prefix = _block_prefix(take, digest)
+def keyed_path(path: str, key: str) -> str:
+    """Return the path of a block with the key in it of what it is made from."""
+    return f"{path.removesuffix('.npz')}-{key[:_DIGITS]}.npz"
+
+
+def discard_blocks(place: Place, blocks: Iterable[Block]) -> None:
+    """Remove blocks that nobody needs any more, as far as that goes."""
     with suppress(OSError):
-        found = [file.path for file in list_files(place, f"work/{take}")]
-        delete_files(place, [path for path in found if path.startswith(prefix)])
+        paths = {block.path for block in blocks}
+        delete_files(place, sorted(paths | {_memory_path(path) for path in paths}))
 
 
-def _block_prefix(take: str, digest: str) -> str:
-    return f"work/{take}/{digest[:12]}-"
+def _memory_path(path: str) -> str:
+    return f"{path.removesuffix('.npz')}.json"

@@ -90,8 +90,10 @@ def describe_files(place: Place, take: str, version: str) -> dict[str, dict[str,
 def discard_version(place: Place, take: str, version: str) -> None:
     """Remove what was written of a version that will not be published, as far as that goes."""
     with suppress(OSError):
-        files = list_files(place, version_folder(take, version))
-        delete_files(place, [file.path for file in files])
+        files = [file.path for file in list_files(place, version_folder(take, version))]
+        index = [file.path for file in list_files(place, f"index/{take}")]
+        files += [path for path in index if path.startswith(f"index/{take}/{version}.")]
+        delete_files(place, files)
 
 
 def publish_record(place: Place, record: Record) -> None:

@@ -51,7 +51,7 @@ class Refusal:
     path: str
     reason: str
     broken: bool = False
-    """The fault may be the program's, not the file's."""
+    """The fault is the archive's, the machine's or the program's, not the file's."""
 
 
 @dataclass
@@ -140,7 +140,7 @@ def _plan_capture(
     digest = digest_capture(folder)
     if digest in digests:
         return Recording(str(folder), digest, "", {}, None, "capture")
-    known = _take_of_content(archive, digest)
+    known = take_of_content(archive, digest)
     take = known if known and known not in claimed else take_name(said.take)
     record = read_record(archive.place, take)
     if take in claimed or (record and not _made_from(record, folder, digest)):
@@ -289,7 +289,7 @@ def _choose_take(
     archive: Archive, file: Path, digest: str, metadata: dict[str, Any], claimed: dict[str, str]
 ) -> str:
     """Return the name of the take that a file becomes, or refuse it."""
-    known = _take_of_content(archive, digest)
+    known = take_of_content(archive, digest)
     if known and known not in claimed:
         return known
     if "id" in metadata:
@@ -313,7 +313,7 @@ def _made_from(record: Record, file: Path, digest: str) -> bool:
     return record.source["digest"] == digest or record.source["path"] == str(file)
 
 
-def _take_of_content(archive: Archive, digest: str) -> str | None:
+def take_of_content(archive: Archive, digest: str) -> str | None:
     """Return the take that this content became, if the take still says so."""
     take = read_source(archive.place, _source_path(digest))
     record = read_record(archive.place, take) if take else None
@@ -342,11 +342,11 @@ def _refusal(file: Path, error: Exception) -> Refusal:
     """Return an error as one sentence that names the file."""
     if isinstance(error, NotRegularError):
         return Refusal(str(file), f"{error.filename} is no regular file, but {error.kind}")
-    if isinstance(error, PlaceError):
+    if isinstance(error, PlaceError | ArchiveError):
         return Refusal(str(file), f"{file}: {error}", broken=True)
-    if isinstance(error, OSError):
-        return Refusal(str(file), f"{file} cannot be read: {error.strerror or error}")
-    if isinstance(error, InputError | ArchiveError):
+    if isinstance(error, OSError):  # the disk that it is on, or who may read it
+        return Refusal(str(file), f"{file} cannot be read: {error.strerror or error}", broken=True)
+    if isinstance(error, InputError):
         return Refusal(str(file), f"{file}: {error}")
     logger.debug("%s cannot be planned", file, exc_info=error)
     reason = f"{file}: {type(error).__name__}: {error}; tell the authors of shosa"

@@ -1,39 +1,41 @@
 """The stages as Prefect tasks: what is cached, and how a hit is checked, in one table.
 
-Prefect's own cache keys miss an edit to a function that the task calls, and serve a hit after
-what it wrote was deleted. Here the key names the code behind the stage, its settings and the
-digests of its inputs, and a hit counts only if what the stage wrote is still there and intact.
-Two runs that meet on one take may both compute it; publication lets one of them win. (Prefect's
-file locks would make one wait, and make it wait for ever after the other was killed.)
+Prefect's own cache lives on one machine, misses an edit to a function that the task calls, and
+serves a hit after what it wrote was deleted. Here the archive remembers: what a stage writes goes
+under a name made of the code behind the stage, its settings and the digests of its inputs, and
+counts wherever it is found whole. So a second machine, or the next one after a power cut, goes on
+where the first one was, and two runs with other settings never write over each other's blocks.
 """
 
 import functools
+import inspect
 from collections.abc import Callable
 from typing import Any, cast, get_type_hints
 
 from prefect import Task, task
-from prefect.cache_policies import CacheKeyFnPolicy
-from prefect.context import TaskRunContext
-from prefect.transactions import CommitMode, transaction
+from prefect.cache_policies import NO_CACHE
+from prefect.states import Completed, State
 from pydantic import TypeAdapter
 
 from storage import open_archive
-from storage.blocks import Block, Written, has_block
+from storage.blocks import Block, Written, find_block, keyed_path, remember_block
 from tasks.body.final_labeling import label_block
 from tasks.body.initial_model import model_take
 from tasks.body.joint_tracks import track_take
 from tasks.body.pose_fitting import fit_take
 from tasks.body.provisional_labeling import label_block_provisionally
 from tasks.engine.fingerprints import fingerprint
-from tasks.motion.importing import import_take, is_imported
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
-from tasks.retrieval.indexing import index_take, is_indexed
+from tasks.retrieval.indexing import find_index, index_take
+
+_CACHED = "Cached"
+"""What Prefect calls a state that nothing was computed for [name]."""
 
 
 def run_once(function: Callable[..., Any], **parameters: Any) -> Any:
-    """Run a stage as its Prefect task, unless nothing changed since it ran with these parameters.
+    """Run a stage as its Prefect task, unless the archive holds what it would write.
 
     Parameters
     ----------
@@ -46,47 +48,67 @@ def run_once(function: Callable[..., Any], **parameters: Any) -> Any:
     -------
     Whatever the function returns, or has returned.
     """
-    stage, is_intact = _STAGES[function]
     adapter = TypeAdapter(get_type_hints(function)["return"])
-    # by itself Prefect keeps no result until the task that called this one has succeeded too
-    with transaction(commit_mode=CommitMode.EAGER):
-        state = stage(**parameters, return_state=True)
-        result = adapter.validate_python(state.result())
-        if state.name != "Cached" or is_intact(result, **parameters):
-            return result
-        again = stage.with_options(refresh_cache=True)(**parameters)
-        return adapter.validate_python(again)
+    return adapter.validate_python(_STAGES[function](**parameters))
 
 
 def _cached(name: str, function: Callable[..., Any]) -> Task[..., Any]:
-    """Return a store function as a task that keeps its results as JSON."""
-
-    def key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-        # a capture is named by its digest, wherever its folder is
-        return fingerprint(function, {k: v for k, v in parameters.items() if k != "capture"})
+    """Return a store function as a task that looks into the archive before it computes."""
 
     def run_name(parameters: dict[str, Any]) -> str:
         return f"{name} of {_work(parameters)}"
 
     adapter = TypeAdapter(get_type_hints(function)["return"])
+    run_or_find = _run_or_find_index if function is index_take else _run_or_find_block
+
+    signature = inspect.signature(function)
 
     @functools.wraps(function)  # for Prefect, which reads the names of the parameters
     def run(*values: Any, **parameters: Any) -> Any:
-        return adapter.dump_python(function(*values, **parameters), mode="json")
+        result, found = run_or_find(function, signature.bind(*values, **parameters).arguments)
+        plain = adapter.dump_python(result, mode="json")
+        return _found(plain) if found else plain
 
     return task(
         name=name,
         task_run_name=cast(Any, run_name),  # its type wants the method of a class, not a name
-        cache_policy=CacheKeyFnPolicy(cache_key_fn=key),
-        persist_result=True,
-        result_serializer="json",
+        cache_policy=NO_CACHE,  # the archive remembers
+        persist_result=False,
     )(run)
+
+
+def _run_or_find_block(
+    function: Callable[..., Written], parameters: dict[str, Any]
+) -> tuple[Written, bool]:
+    """Return the block of a stage, and whether it was there."""
+    # a capture is named by its digest, wherever its folder is, and an archive by nothing
+    named = {k: v for k, v in parameters.items() if k not in ("capture", "archive")}
+    place = open_archive(parameters["archive"]).place
+    into = keyed_path(parameters["into"], fingerprint(function, named))
+    if (found := find_block(place, into)) is not None:
+        return found, True
+    written = function(**{**parameters, "into": into})
+    remember_block(place, written)
+    return written, False
+
+
+def _run_or_find_index(
+    function: Callable[..., str], parameters: dict[str, Any]
+) -> tuple[str, bool]:
+    """Return the digest of the search array of a version, and whether it was there."""
+    found = find_index(**parameters)
+    return (found, True) if found is not None else (function(**parameters), False)
+
+
+def _found(result: Any) -> State[Any]:
+    """Return the state of a task that had nothing to compute."""
+    return Completed(name=_CACHED, message="The archive holds it already.", data=result)
 
 
 def _work(parameters: dict[str, Any]) -> str:
     """Say what a task works on: a take, and its frames where they are not all."""
     if "into" not in parameters:
-        return parameters.get("take") or parameters["recording"].take
+        return parameters["take"]
     take = parameters["into"].split("/")[1]
     match parameters:
         case {"start": start, "end": end} | {"silhouettes": Block(start=start, end=end)}:
@@ -94,24 +116,18 @@ def _work(parameters: dict[str, Any]) -> str:
     return take
 
 
-def _is_there(written: Written, archive: str, **_: Any) -> bool:
-    """Say whether a block that a stage wrote is still there, every byte of it."""
-    return has_block(open_archive(archive).place, written.block)
-
-
-_STAGES: dict[Callable[..., Any], tuple[Task[..., Any], Callable[..., bool]]] = {
-    function: (_cached(name, function), is_intact)
-    for name, function, is_intact in (
-        ("silhouettes", extract_block, _is_there),
-        ("carving", carve_block, _is_there),
-        ("coloring", color_block, _is_there),
-        ("initial model", model_take, _is_there),
-        ("pose fitting", fit_take, _is_there),
-        ("final labeling", label_block, _is_there),
-        ("provisional labeling", label_block_provisionally, _is_there),
-        ("joint tracks", track_take, _is_there),
-        ("importing", import_take, is_imported),
-        ("indexing", index_take, is_indexed),
+_STAGES: dict[Callable[..., Any], Task[..., Any]] = {
+    function: _cached(name, function)
+    for name, function in (
+        ("silhouettes", extract_block),
+        ("carving", carve_block),
+        ("coloring", color_block),
+        ("initial model", model_take),
+        ("pose fitting", fit_take),
+        ("final labeling", label_block),
+        ("provisional labeling", label_block_provisionally),
+        ("joint tracks", track_take),
+        ("indexing", index_take),
     )
 }
-"""The name of each stage on the dashboard, and what a hit of it is checked by."""
+"""Each stage as a task, under the name that the dashboard shows."""

@@ -8,7 +8,7 @@ is known, and is counted.
 from pathlib import Path
 
 from flows.command import printing
-from flows.ingestion import ingest_archive
+from flows.ingestion import run_ingestion
 from tasks.exporting.demonstration import (
     draw_match,
     draw_takes,
@@ -35,7 +35,7 @@ def run_demo(folder: Path) -> bool:
         f"{len(takes)} performances of three performers, and the films of eight cameras of one of "
         f"them, are in {recordings}"
     )
-    outcomes = ingest_archive(archive, [str(recordings)])
+    outcomes = run_ingestion(archive, [str(recordings)])
     printing.print_outcomes(outcomes, as_json=False)
     lost = sum(_show_search(archive, search, folder) for search in searches)
     draw_takes(archive, takes, folder)

@@ -92,9 +92,16 @@ def _prefect() -> Iterator[Finding]:
     try:
         from prefect.settings import PREFECT_API_URL
 
+        from flows.server import ServerError, check_server
+
         url = PREFECT_API_URL.value()
     except Exception as error:  # whatever a broken library raises is the finding
         yield Finding(False, f"Prefect's settings cannot be read: {error}")
+        return
+    try:
+        check_server()
+    except ServerError as error:
+        yield Finding(False, str(error))
         return
     if url:
         yield Finding(True, f"flows report to the Prefect server at {url}")

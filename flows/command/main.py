@@ -114,6 +114,9 @@ def _add_ingest(commands: Any) -> None:
         metavar="FILE.toml",
         help="how captures are digitized, before their own digitize.toml; see `shosa settings`",
     )
+    ingest.add_argument(
+        "--again", action="store_true", help="take in anew what the archive has already"
+    )
     settings = _command(
         commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
     )
@@ -207,7 +210,7 @@ def _add_upkeep(commands: Any) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    _hush_prefect()
+    _prepare_prefect()
     from flows.command.demo import run_demo
 
     return DONE if run_demo(Path(options.folder)) else RUN_FAILED
@@ -219,10 +222,12 @@ def _ingest(options: argparse.Namespace) -> int:
     settings = digitization_settings(options.settings)
     find_recordings(options.paths)
     create_archive(options.archive)
-    _hush_prefect()
-    from flows.ingestion import ingest_archive
+    _prepare_prefect()
+    from flows.ingestion import run_ingestion
 
-    outcomes = ingest_archive(options.archive, options.paths, importing, settings)
+    outcomes = run_ingestion(
+        options.archive, options.paths, importing, settings, again=options.again
+    )
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}
     if "failed" in failed:
@@ -269,7 +274,7 @@ def _search(options: argparse.Namespace) -> int:
     arguments = (options.archive, options.query, settings, options.takes, imported)
     if options.flow:
         check_before_flow(options)
-        _hush_prefect()
+        _prepare_prefect()
         from flows.searching import search_archive as search
     else:
         from tasks.retrieval.answering import answer_query as search
@@ -320,10 +325,10 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _index(options: argparse.Namespace) -> int:
     open_archive(options.archive)  # before Prefect starts, which takes long
-    _hush_prefect()
-    from flows.indexing import index_archive
+    _prepare_prefect()
+    from flows.indexing import run_indexing
 
-    faults = index_archive(options.archive)
+    faults = run_indexing(options.archive)
     for fault in faults:
         printing.say(fault)
     return RUN_FAILED if faults else DONE
@@ -394,10 +399,17 @@ def _log_to_standard_error(*, quiet: bool, verbose: bool) -> None:
         logger.propagate = False
 
 
-def _hush_prefect() -> None:
-    """Keep Prefect's own log off the terminal; the dashboard has it."""
-    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")
+def _prepare_prefect() -> None:
+    """Keep Prefect's own log off the terminal, the dashboard has it; and see that it can run."""
+    for level in ("HANDLERS_CONSOLE", "INTERNAL"):
+        os.environ.setdefault(f"PREFECT_LOGGING_{level}_LEVEL", "CRITICAL")
     os.environ.setdefault("PREFECT_SERVER_LOGGING_LEVEL", "CRITICAL")
+    # a server that went away is asked twice again, for some seconds, not for a minute each time
+    os.environ.setdefault("PREFECT_CLIENT_MAX_RETRIES", "2")
+    logging.raiseExceptions = False  # what a log cannot be told is not told on the terminal
+    from flows.server import check_server
+
+    check_server()
 
 
 def _fail(error: Exception | str, code: int) -> int:

@@ -48,6 +48,11 @@ def fingerprint(function: Callable[..., Any], parameters: dict[str, Any]) -> str
     return digest.hexdigest()
 
 
+def code_behind(*modules: str) -> str:
+    """Return a SHA-256 of the code of `modules` and of every module of ours that they stand on."""
+    return hashlib.sha256("".join(map(_source_digest, modules)).encode()).hexdigest()
+
+
 def source_files(module: str) -> dict[str, Path]:
     """Return the file of `module` and of each module of ours that it imports, by name."""
     found: dict[str, Path] = {}

@@ -32,6 +32,7 @@ from storage.publication import (
 )
 from storage.recordings import Recording
 from storage.schema import JOINTS
+from tasks.engine.fingerprints import code_behind
 from tasks.engine.settings import NotNegative, Positive
 from tasks.geometry.runs import inner_runs
 from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_notes
@@ -299,6 +300,24 @@ def read_joint_track(path: Path, settings: ImportSettings) -> tuple[JointTrack, 
     return make_joint_track(motion, settings, file_name=path.name), motion.source
 
 
+def settings_for(recording: Recording, settings: ImportSettings) -> ImportSettings:
+    """Return the settings for one file: with the stature that its metadata give."""
+    return replace(settings, stature_m=recording.stature_m or settings.stature_m)
+
+
+def changed_import_settings(settings: ImportSettings) -> dict[str, Any]:
+    """Return the settings that are not the defaults, by name, as JSON can hold them."""
+    usual = ImportSettings()
+    changed = {
+        f"importing.{name}": value
+        for name, value in asdict(settings).items()
+        if value != getattr(usual, name)
+    }
+    if settings.mapping is not None:
+        changed["importing.mapping"] = {joint: list(names) for joint, names in settings.mapping}
+    return changed
+
+
 def import_take(archive: str, recording: Recording, settings: ImportSettings) -> dict[str, Any]:
     """Write a version of the take that a motion file becomes, without publishing it.
 
@@ -313,8 +332,7 @@ def import_take(archive: str, recording: Recording, settings: ImportSettings) ->
         If the file cannot be used, or has changed since it was planned.
     """
     place = open_archive(archive).place
-    if recording.stature_m is not None:
-        settings = replace(settings, stature_m=recording.stature_m)
+    settings = settings_for(recording, settings)
     with recorded(
         "importing", settings=asdict(settings), inputs={recording.path: recording.digest}
     ) as provenance:
@@ -327,6 +345,7 @@ def import_take(archive: str, recording: Recording, settings: ImportSettings) ->
         "name": path.name,
         "path": recording.path,
         "digest": recording.digest,
+        "code": code_behind(__name__),
     }
     version, files = _write_version(place, recording, track, source, provenance)
     draft = Record(
@@ -345,6 +364,7 @@ def import_take(archive: str, recording: Recording, settings: ImportSettings) ->
         stages=["motion"],
         files=files,
         notes=list(track.notes),
+        settings=changed_import_settings(settings),
     )
     return asdict(draft)
 
@@ -379,9 +399,3 @@ def _write_version(
     except BaseException:
         discard_version(place, recording.take, version)
         raise
-
-
-def is_imported(draft: dict[str, Any], archive: str, **_: Any) -> bool:
-    """Say whether what `import_take` wrote is still there, every byte of it."""
-    place = open_archive(archive).place
-    return describe_files(place, draft["take"], draft["version"]) == draft["files"]

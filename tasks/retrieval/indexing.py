@@ -9,7 +9,7 @@ import logging
 
 from storage import open_archive
 from storage.arrays.groups import open_group
-from storage.arrays.search import verify_search_array, write_search_array
+from storage.arrays.search import search_array_digest, verify_search_array, write_search_array
 from storage.publication import version_folder
 from storage.records import read_record
 from tasks.motion.stature import DEFAULT_STATURE_M
@@ -35,7 +35,8 @@ def index_take(archive: str, take: str, version: str) -> str:
     return digest
 
 
-def is_indexed(digest: str, archive: str, take: str, version: str) -> bool:
-    """Say whether what `index_take` wrote is still there, with this digest."""
+def find_index(archive: str, take: str, version: str) -> str | None:
+    """Return the SHA-256 of what `index_take` wrote of a version, None where it is not whole."""
     place = open_archive(archive).place
-    return not verify_search_array(place, take, version, digest)
+    whole = not verify_search_array(place, take, version)
+    return search_array_digest(place, take, version) if whole else None

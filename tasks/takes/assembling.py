@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.archive import Archive
 from storage.arrays.groups import write_motion
 from storage.arrays.poses import write_body, write_pose
 from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
@@ -21,11 +20,9 @@ from storage.places import Place
 from storage.provenance import Provenance
 from storage.publication import (
     Record,
-    damaged_files,
     describe_files,
     discard_version,
     new_version,
-    read_record,
     version_folder,
 )
 from storage.recordings import digest_capture
@@ -65,7 +62,7 @@ def assemble_take(
     *,
     settings: dict[str, dict[str, Any]],
     changed: dict[str, Any],
-    identity: str,
+    code: str,
     notes: Sequence[str],
 ) -> dict[str, Any]:
     """Write a version of a take from the blocks of its stages, without publishing it.
@@ -82,8 +79,8 @@ def assemble_take(
         Of each stage that has some, as JSON can hold them.
     changed
         Which of them are not the defaults, by name.
-    identity
-        What names this computation: capture, settings and code.
+    code
+        The digest of the code that made the blocks, to be remembered.
     notes
         What was found on the way, a sentence each.
 
@@ -137,7 +134,7 @@ def assemble_take(
             "name": source.folder.name,
             "path": capture,
             "digest": digest,
-            "identity": identity,
+            "code": code,
         },
         metadata=source.metadata,
         frames=source.frames,
@@ -155,16 +152,6 @@ def assemble_take(
         settings=changed,
     )
     return asdict(draft)
-
-
-def is_digitized(opened: Archive, take: str, identity: str) -> bool:
-    """Say whether a take is already what this computation would make of it, intact."""
-    record = read_record(opened.place, take)
-    return bool(
-        record
-        and record.source.get("identity") == identity
-        and not damaged_files(opened.place, record)
-    )
 
 
 def _write_groups(

@@ -5,34 +5,38 @@ from dataclasses import replace
 from typing import Any
 
 from storage import open_archive
+from storage.errors import ConflictError
 from storage.provenance import now
-from storage.publication import (
-    Record,
-    next_number,
-    publish_record,
-    read_record,
-)
+from storage.publication import Record, discard_version, publish_record
 from storage.recordings import remember_source
 
 logger = logging.getLogger(__name__)
 
 
-def publish_take(archive: str, draft: dict[str, Any]) -> bool:
-    """Make a version what its take is; return False where it already was.
+def publish_take(archive: str, draft: dict[str, Any], *, over: int) -> None:
+    """Make a version what its take is.
+
+    Parameters
+    ----------
+    archive
+        A directory or s3://bucket/prefix.
+    draft
+        The fields of its `Record`.
+    over
+        The number of the version that it replaces, 0 where there is none yet.
 
     Raises
     ------
     ConflictError
-        If another run published the take in the meantime.
+        If another run published the take in the meantime; what was written is removed then.
     """
     opened = open_archive(archive)
     place, take = opened.place, draft["take"]
-    current = read_record(place, take)
-    if current and current.version == draft["version"]:
-        return False
-    number = next_number(place, take)
-    record = replace(Record(**draft), number=number, published=now())
-    publish_record(place, record)
+    record = replace(Record(**draft), number=over + 1, published=now())
+    try:
+        publish_record(place, record)
+    except ConflictError:
+        discard_version(place, take, record.version)
+        raise
     remember_source(opened, record)
-    logger.info("published take %s, version %d", take, number)
-    return True
+    logger.info("published take %s, version %d", take, record.number)

@@ -85,9 +85,9 @@ def digitize(capture: Path, archive: str) -> dict[str, Any]:
     clock, processor = time.monotonic(), used()
     draft = assemble_take(
         archive, str(capture), recording.digest, source.take, blocks,
-        settings=settings_of_stages(settings), changed={}, identity="", notes=[],
+        settings=settings_of_stages(settings), changed={}, code="", notes=[],
     )  # fmt: skip
-    publish_take(archive, draft)
+    publish_take(archive, draft, over=0)
     spent["assembling"] = [time.monotonic() - clock, used() - processor]
     frames = source.frames
     return {

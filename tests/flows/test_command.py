@@ -45,7 +45,7 @@ def archive(tmp_path, write_walk):
     for recording in plan.recordings:
         draft = import_take(str(location), recording, ImportSettings())
         index_take(str(location), draft["take"], draft["version"])
-        assert publish_take(str(location), draft)
+        publish_take(str(location), draft, over=0)
     return str(location)
 
 

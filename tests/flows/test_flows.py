@@ -32,12 +32,12 @@ def inbox(tmp_path, write_walk):
 @pytest.fixture
 def ingest(tmp_path, inbox):
     """A function that ingests the inbox and returns status by take."""
-    from flows.ingestion import ingest_archive
+    from flows.ingestion import run_ingestion
 
     def run(**settings):
         from tasks.motion.importing import ImportSettings
 
-        outcomes = ingest_archive(
+        outcomes = run_ingestion(
             str(tmp_path / "archive"), [str(inbox)], ImportSettings(**settings)
         )
         return {outcome.take: outcome.status for outcome in outcomes}
@@ -111,7 +111,7 @@ def test_an_archive_that_was_removed_is_made_again(ingest, tmp_path):
 
 
 def test_indexing_makes_every_search_array_anew(ingest, tmp_path):
-    from flows.indexing import index_archive
+    from flows.indexing import run_indexing
 
     ingest()
     archive = open_archive(tmp_path / "archive")
@@ -120,7 +120,7 @@ def test_indexing_makes_every_search_array_anew(ingest, tmp_path):
         path = Path(archive.place.location, search_array_path(record.take, record.version))
         arrays[path] = np.load(path)
         path.unlink()
-    assert index_archive(str(tmp_path / "archive")) == []
+    assert run_indexing(str(tmp_path / "archive")) == []
     for path, rows in arrays.items():
         np.testing.assert_array_equal(np.load(path), rows)
 
@@ -211,10 +211,10 @@ def test_the_demo_finds_everything_that_it_promises(tmp_path, capsys):
 
 @pytest.mark.data
 def test_all_shared_recordings_are_ingested_or_refused_with_a_sentence(tmp_path, shared_data):
-    from flows.ingestion import ingest_archive
+    from flows.ingestion import run_ingestion
 
     folders = [str(shared_data / name) for name in ("mocap", "c3d", "trc")]
-    outcomes = {each.take: each for each in ingest_archive(str(tmp_path / "archive"), folders)}
+    outcomes = {each.take: each for each in run_ingestion(str(tmp_path / "archive"), folders)}
     ingested = {take for take, each in outcomes.items() if each.status == "ingested"}
     assert len(outcomes) == 24
     assert len(ingested) == 17

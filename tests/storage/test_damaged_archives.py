@@ -128,7 +128,7 @@ def whole(tmp_path_factory):
     ).recordings:
         draft = import_take(str(location), recording, ImportSettings())
         index_take(str(location), draft["take"], draft["version"])
-        publish_take(str(location), draft)
+        publish_take(str(location), draft, over=0)
     return location
 
 

@@ -277,7 +277,7 @@ def test_a_pipe_or_a_folder_in_place_of_a_file_is_refused_at_once(archive, root)
     for path in ("archive.json", "published/okuri48/000001.json"):
         (root / path).unlink()
         os.mkfifo(root / path)
-        with pytest.raises(ArchiveError, match="is no regular file; put the file back"):
+        with pytest.raises(ArchiveError, match="is no regular file, but a named pipe; remove it"):
             read_file(archive.place, path)
     with pytest.raises(ArchiveError, match="is no regular file"):
         read_file(archive.place, "takes")

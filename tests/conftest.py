@@ -34,10 +34,16 @@ def cases(number: int) -> int:
     return number * (20 if settings.get_current_profile_name() == "long" else 1)
 
 
+WITHOUT_KERNELS = ("tests/storage/", "tests/tasks/motion/", "tests/flows/", "tests/test_docs.py")
+"""Where tests reach no compiled code, or none that others do not: they run interpreted only."""
+
+
 def pytest_collection_modifyitems(items):
-    """Put the long files first, so that both cores are busy to the end."""
+    """Put the long files first, so that both cores are busy to the end; mark what has kernels."""
     weights = {}
     for item in items:
+        if not item.nodeid.startswith(WITHOUT_KERNELS):
+            item.add_marker(pytest.mark.kernels)
         marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
         weights[item.path] = max(weights.get(item.path, marks), marks)
     items.sort(key=lambda item: weights[item.path], reverse=True)

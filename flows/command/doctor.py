@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import requires, version
 
+from flows.server import ServerError, check_home, check_url
 from storage.provenance import shosa_version
 
 _MODULES = {
@@ -90,18 +91,17 @@ def _tried(what: str, check: Callable[[], str]) -> Finding:
 def _prefect() -> Iterator[Finding]:
     """Say where flows report to."""
     try:
+        check_home()
         from prefect.settings import PREFECT_API_URL
 
-        from flows.server import ServerError, check_server
-
         url = PREFECT_API_URL.value()
-    except Exception as error:  # whatever a broken library raises is the finding
-        yield Finding(False, f"Prefect's settings cannot be read: {error}")
-        return
-    try:
-        check_server()
+        if url:
+            check_url(url)
     except ServerError as error:
         yield Finding(False, str(error))
+        return
+    except Exception as error:  # whatever a broken library raises is the finding
+        yield Finding(False, f"Prefect's settings cannot be read: {error}")
         return
     if url:
         yield Finding(True, f"flows report to the Prefect server at {url}")

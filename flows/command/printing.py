@@ -10,6 +10,7 @@ from storage.archive import Take
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.takes.identity import is_of_other_code, made_by
 
 if TYPE_CHECKING:
     from flows.ingestion import Outcome
@@ -54,16 +55,22 @@ def print_takes(records: Sequence[Record], *, as_json: bool) -> None:
     if as_json:
         print_json({"takes": [_described(record) for record in records]})
         return
-    heads = ("take", "source", ">frames", ">Hz", ">seconds", "performer", "title")
+    heads = ("take", "source", ">frames", ">Hz", ">seconds", "performer", "title", "made by")
     rows = [
         (
             *(record.take, record.source["kind"], f"{record.frames:,}", f"{record.rate_hz:g}"),
             f"{record.frames / record.rate_hz:.1f}",
             *(str(record.metadata.get(key, "")) for key in ("performer", "title")),
+            made_by(record),
         )
         for record in records
     ]
     print_table(heads, rows)
+    if other := sum(is_of_other_code(record) for record in records):
+        say(
+            f"{other} of {len(records)} takes were made by other code than this shosa's; "
+            "`shosa ingest --again` makes them anew"
+        )
 
 
 def print_take(take: Take, *, as_json: bool) -> None:
@@ -82,6 +89,7 @@ def print_take(take: Take, *, as_json: bool) -> None:
         "stature_m": stature_m,
         "stature_source": source,
         "version": record.number,
+        "of_other_code": is_of_other_code(record),
         "published": record.published,
         "bytes": size,
         "path": take.path,
@@ -99,7 +107,8 @@ def print_take(take: Take, *, as_json: bool) -> None:
         f"{record.frames / record.rate_hz:.1f} s",
         **_motion_lines(record, missing, stature_m, source),
         "stages": ", ".join(record.stages),
-        "version": f"{record.number}, published {record.published}",
+        "version": f"{record.number}, published {record.published}"
+        + ", made by other code than this shosa's" * is_of_other_code(record),
         "on disk": f"{size / 1e6:.2f} MB in {take.path}",
     }
     width = max(map(len, lines))

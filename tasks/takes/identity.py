@@ -64,6 +64,14 @@ def is_of_other_code(record: Record) -> bool:
     return record.source.get("code") != code_of(record.source["kind"])
 
 
+def made_by(record: Record) -> str:
+    """Say by what a take was made that is not as usual: other code, settings; or nothing."""
+    said = ["other code"] if is_of_other_code(record) else []
+    if record.settings:
+        said.append(f"{len(record.settings)} setting{'s' * (len(record.settings) > 1)}")
+    return ", ".join(said)
+
+
 def _differing(record: Record, recording: Recording, settings: Mapping[str, Any]) -> str | None:
     """Name what a take was made with and is not given now, or the other way round."""
     if recording.kind == "motion" and record.metadata != recording.metadata:

@@ -211,7 +211,7 @@ def test_only_a_recordings_own_faults_are_refusals(ingest, archive, file, write_
     assert "000001.json is damaged" in failed.reason
 
 
-def test_a_run_that_lost_something_is_failed_and_says_what(ingest, file, tmp_path):
+def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
     """For the flow and for the task of the take; a run that is green has all in."""
     from prefect.client.orchestration import get_client
 

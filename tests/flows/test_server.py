@@ -1,6 +1,13 @@
 """Tests of what shosa does when there is no Prefect server, or none that is well."""
 
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import httpx
@@ -8,6 +15,10 @@ import pytest
 
 from flows.command.main import main
 from flows.server import ServerError, check_home, check_url, is_server_fault
+from storage import open_archive
+from storage.publication import verify_take
+from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tests.conftest import HANGING_S, MEASURED, swaying_body
 
 
 @pytest.fixture

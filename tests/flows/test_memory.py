@@ -94,11 +94,11 @@ def test_other_metadata_are_taken_in(ingest, archive, file):
 
 
 def test_other_settings_take_in_anew_and_are_in_the_record(ingest, archive):
-    joints = {"Head": ("LFoot",)}
+    joints = {"RFin": ("RWrist",)}
     assert [each.status for each in ingest(mapping=tuple(joints.items()))] == ["ingested"]
     assert [each.status for each in ingest(mapping=tuple(joints.items()))] == ["unchanged"]
     settings = archive.take("okuri48").record.settings
-    assert settings == {"importing.mapping": {"Head": ["LFoot"]}}
+    assert settings == {"importing.mapping": {"RFin": ["RWrist"]}}
     assert [each.status for each in ingest()] == ["ingested"]
     assert number_of(archive) == 3
 

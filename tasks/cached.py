@@ -49,7 +49,8 @@ def run_once(function: Callable[..., Any], **parameters: Any) -> Any:
     Whatever the function returns, or has returned.
     """
     adapter = TypeAdapter(get_type_hints(function)["return"])
-    return adapter.validate_python(_STAGES[function](**parameters))
+    state = _STAGES[function](**parameters, return_state=True)
+    return adapter.validate_python(state.result())
 
 
 def _cached(name: str, function: Callable[..., Any]) -> Task[..., Any]:

@@ -10,6 +10,7 @@ from prefect import flow
 
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
+from flows.progress import PUBLISHING
 from storage import open_archive
 from storage.blocks import discard_blocks
 from storage.formats.capture.capture import capture_of
@@ -17,7 +18,6 @@ from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.publication import read_record
 from storage.recordings import Recording
 from tasks.cached import run_once
-from tasks.capture.films import block_ranges
 from tasks.engine.fingerprints import fingerprint
 from tasks.retrieval.indexing import index_take
 from tasks.settings import (
@@ -68,8 +68,9 @@ def digitize_take(
         return {**asdict(opened.take(recording.take).record), "published": False}
     _say_why_again(read_record(opened.place, recording.take), recording)
     capture = capture_of(recording.path, recording.digest)
-    tell = progress_teller(recording.take, len(block_ranges(capture)), capture.frames)
+    tell = progress_teller(recording.take, capture.frames)
     blocks, found = chain.digitize(archive, recording, chosen, run=run_once, tell=tell)
+    tell(PUBLISHING, 0)
     draft = assemble_take(
         archive,
         recording.path,
@@ -88,6 +89,7 @@ def digitize_take(
     record = read_record(opened.place, recording.take)
     assert record is not None  # it was published just now
     show_digitized(opened.take(recording.take), blocks)
+    tell(PUBLISHING, capture.frames)
     return {**asdict(record), "published": True}
 
 

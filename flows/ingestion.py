@@ -5,14 +5,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from prefect import flow, task
-from prefect.artifacts import (
-    create_progress_artifact,
-    create_table_artifact,
-    update_progress_artifact,
-)
 from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import ThreadPoolTaskRunner
 
+from flows.dashboard import count_teller, show_ingested
 from flows.digitization import digitize_take
 from storage import create_archive
 from storage.errors import ArchiveError, InputError, PlaceError
@@ -80,9 +76,7 @@ def ingest_archive(
     for note in plan.notes:
         logger.warning("%s", note)
     total = len(plan.recordings)
-    progress = create_progress_artifact(
-        progress=0.0, key="ingest-progress", description=f"{total} recordings into {archive}"
-    )
+    tell_done = count_teller(f"{total} recordings into {archive}", total)
     runs = [
         ingest_take.submit(opened.location, each, importing, settings) for each in plan.recordings
     ]
@@ -90,10 +84,8 @@ def ingest_archive(
     for done, run in enumerate(runs, start=1):
         result = run.result(raise_on_failure=False)
         outcomes.append(_tell(_outcome(plan.recordings[done - 1], result), done, total))
-        update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
-    create_table_artifact(
-        key="ingested", table=[_row(each) for each in outcomes], description=f"into {archive}"
-    )
+        tell_done(done)
+    show_ingested(archive, [asdict(each) for each in outcomes])
     return outcomes
 
 
@@ -159,8 +151,3 @@ def _tell(outcome: Outcome, done: int, total: int) -> Outcome:
     for note in outcome.notes if outcome.status == "ingested" else ():
         logger.info("    %s", note)
     return outcome
-
-
-def _row(outcome: Outcome) -> dict[str, Any]:
-    """Return an outcome as a row of the dashboard's table."""
-    return {**asdict(outcome), "notes": "; ".join(outcome.notes)}

@@ -105,7 +105,7 @@ def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
         moment = estimate.move(stage, frame)
         show_watcher(moment)
         now_s = time.monotonic()
-        is_block = frame == round(frame) and frame > logged.get(stage, 0.0)
+        is_block = isinstance(frame, int) and frame > logged.get(stage, 0)  # else inside a stage
         if is_block or now_s - logged_s > _LOGGED_EVERY_S:
             logged[stage], logged_s = frame, now_s
             logger.info("    %s: %s", take, moment.said())
@@ -115,7 +115,7 @@ def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
                 update_progress_artifact,
                 artifact_id=artifact,
                 progress=round(100.0 * moment.share, 1),
-                description=f"{take}: {moment.said()}",
+                description=f"{take}: {moment.share:.0%}, {moment.said()}",
             )
 
     return tell
@@ -197,7 +197,7 @@ def ingested_rows(outcomes: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
         {
             "status": each["status"],
             "take": escaped(each["take"] or ""),
-            "reason": escaped(each["reason"]),
+            "reason": escaped(_without_folder(each["reason"], each["path"])),
             "frames": each["frames"] or "",
             "Hz": f"{each['rate_hz']:g}" if each["frames"] else "",
             "joints": each["joints"] if each["frames"] else "",
@@ -266,6 +266,11 @@ def artifact_key(kind: str, name: str) -> str:
         digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
         plain = f"{plain}-{digest}".strip("-")
     return f"{kind}-{plain}"
+
+
+def _without_folder(reason: str, path: str) -> str:
+    """Return a reason with the name of a recording in place of its path, which is in the table."""
+    return reason.replace(path, path.rstrip("/").rsplit("/", 1)[-1])
 
 
 def _known(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, None]:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from storage.formats.pictures.pictures import encode_within
 
-MOST_BYTES = 20_000
-"""How long the file of a picture on a page may be [bytes]. The dashboard keeps pages in its
-database, in letters, which are a third longer, and shows none whose letters are many more than
-30,000."""
+MOST_BYTES = 12_000
+"""How long the file of a picture on a page may be [bytes].
+
+Chosen by eye: a page of five is some 70 kB of letters, which the dashboard keeps twice in its
+database. It shows no picture of many more than 30 kB.
+"""
 
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
-_MARKUP = re.compile(r"([\\`*_\[\]|~#])")
+_MARKUP = re.compile(r"([\\`*\[\]|~#]|(?<!\w)_|_(?!\w))")
 _SCHEME = re.compile(r"^https?://[^\s<>()\"'\\|`]+$")
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from storage.archive import Take
 from storage.records import Record
 from tasks.exporting.markdown import escaped, linked, picture, table
+from tasks.exporting.voxels import picture_initial
 from tasks.geometry.runs import runs
 from tasks.rendering.figures import FigureSettings, draw_stick_figures
 from tasks.rendering.overviews import draw_contact_sheet, draw_quality
@@ -131,11 +132,11 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
     sheet = draw_contact_sheet(take.silhouettes[frame].values, names)
     yield f"## Frame {frame}"
     posed = "labels" in take.record.stages
-    body = picture(picture_frame(take, frame, size=_BODY), f"the body in frame {frame}, as filmed")
+    body, said = picture_frame(take, frame, size=_BODY), f"the body in frame {frame}, as filmed"
     if posed:
-        labeled = picture_frame(take, frame, size=_BODY, color="segments")
-        body += " " + picture(labeled, f"its segments in frame {frame}")
-    yield body
+        segments = picture_frame(take, frame, size=_BODY, color="segments")
+        body, said = np.concatenate([body, segments], axis=1), f"{said}, and its segments"
+    yield picture(body, said)
     yield "What each camera saw of the performer:"
     yield picture(sheet, f"silhouettes of all cameras in frame {frame}")
     if not posed:
@@ -151,6 +152,8 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
     yield "How much of its voxels each segment has, 0 to 1:"
     quality = draw_quality(take.pose["quality"].values, doubtful, take.record.rate_hz)
     yield picture(quality, "quality over time, doubtful frames shaded")
+    yield "## What the body was measured with"
+    yield picture(picture_initial(take), "the joints of the initial model in its voxels")
 
 
 def _doubtful(take: Take) -> NDArray[np.bool_]:

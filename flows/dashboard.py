@@ -23,8 +23,10 @@ from prefect.context import FlowRunContext
 
 from flows.progress import Estimate, Moment, show_watcher
 from storage.archive import Take
+from tasks.exporting.addresses import clip_address, match_address
+from tasks.exporting.day_pages import day_line, summarize_day
 from tasks.exporting.markdown import escaped, linked
-from tasks.exporting.take_pages import take_line, take_page, viewer_link
+from tasks.exporting.take_pages import take_line, take_page
 from tasks.retrieval.answering import Answer
 from tasks.takes.assembling import Blocks
 
@@ -219,6 +221,20 @@ def show_matches(archive: str, query: str, answer: Answer) -> None:
     )
 
 
+def show_day(
+    archive: str, *, inbox: str | None, hours: float, failed: Sequence[tuple[str, str]]
+) -> str:
+    """Show the page of `summarize_day`, whose arguments these are; return it."""
+    page = summarize_day(archive, inbox=inbox, hours=hours, failed=failed)
+    shown(
+        create_markdown_artifact,
+        key=artifact_key("day", archive),
+        markdown=page,
+        description=day_line(archive, page),
+    )
+    return page
+
+
 def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
     """Return the rows of the table of `show_matches`.
 
@@ -232,13 +248,15 @@ def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
     rows = []
     for rank, match in enumerate(answer.matches, start=1):
         record = answer.records[match.take]
-        frames = f"{match.start}-{match.end}"
-        address = viewer_link(viewer, match.take, match.start, match.end) if viewer else ""
+        clip = beside = ""
+        if viewer:
+            clip = clip_address(viewer, match.take, match.start, match.end)
+            beside = match_address(viewer, answer, rank) or ""
         rows.append(
             {
-                "rank": rank,
-                "take": linked(match.take, address),
-                "frames": frames,
+                "rank": linked(rank, beside),
+                "take": linked(match.take, clip),
+                "frames": f"{match.start}-{match.end}",
                 "seconds": f"{match.start / record.rate_hz:.2f}-{match.end / record.rate_hz:.2f}",
                 "distance": f"{match.distance:.4f}",
                 "mirrored": "yes" if match.mirrored else "",

@@ -10,7 +10,7 @@ from prefect import flow
 
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
-from flows.progress import PUBLISHING
+from flows.progress import ASSEMBLING
 from storage import open_archive
 from storage.blocks import discard_blocks
 from storage.formats.capture.capture import capture_of
@@ -70,7 +70,7 @@ def digitize_take(
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, capture.frames)
     blocks, found = chain.digitize(archive, recording, chosen, run=run_once, tell=tell)
-    tell(PUBLISHING, 0)
+    tell(ASSEMBLING, 0)
     draft = assemble_take(
         archive,
         recording.path,
@@ -84,12 +84,12 @@ def digitize_take(
     )
     if "motion" in draft["stages"]:
         run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
+    tell(ASSEMBLING, capture.frames)
     publish_take(archive, draft)
     discard_blocks(opened.place, recording.take, recording.digest)
     record = read_record(opened.place, recording.take)
     assert record is not None  # it was published just now
     show_digitized(opened.take(recording.take), blocks)
-    tell(PUBLISHING, capture.frames)
     return {**asdict(record), "published": True}
 
 

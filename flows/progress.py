@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
-PUBLISHING = "publishing"
-"""What comes after the last stage, as if it were one."""
+ASSEMBLING = "assembling"
+"""What comes after the last stage, as if it were one: blocks become a version of the take."""
 
 _EXPECTED: dict[str, tuple[float, float]] = {
     "silhouettes": (1.0, 0.06),
@@ -22,7 +22,7 @@ _EXPECTED: dict[str, tuple[float, float]] = {
     "final_labeling": (0.0, 0.006),
     "provisional_labeling": (0.0, 0.018),
     "joint_tracks": (0.0, 0.012),
-    PUBLISHING: (2.0, 0.02),
+    ASSEMBLING: (2.0, 0.02),
 }
 """How long a stage takes: in any case, and for each frame [s].
 
@@ -60,7 +60,7 @@ class Moment:
         if not self.take:
             return f"{self.frame:.0f} of {self.frames} {self.stage}{left}"
         done = f"{self.frame:.0f}/{self.frames} frames"
-        if self.stage == PUBLISHING:
+        if self.stage == ASSEMBLING:
             done = "done" if self.share == 1.0 else ""
         return f"{self.stage} {done}".strip() + left
 
@@ -123,7 +123,7 @@ class Estimate:
             self._expected_s(each) * reached / self.frames
             for each, reached in self._reached.items()
         )
-        is_over = stage == PUBLISHING and frame >= self.frames
+        is_over = stage == ASSEMBLING and frame >= self.frames
         self._share = 1.0 if is_over else max(self._share, min(done / total, 0.99))
         left_s = None
         if self._computed > _LEAST_DONE * total:

@@ -1,13 +1,13 @@
 """The page of a digitized take: what was measured, what to look at, and pictures of it."""
 
 from collections.abc import Iterator, Mapping
-from urllib.parse import urlencode
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.archive import Take
 from storage.records import Record
+from tasks.exporting.addresses import clip_address
 from tasks.exporting.markdown import escaped, linked, picture, table
 from tasks.exporting.voxels import picture_initial
 from tasks.geometry.runs import runs
@@ -72,12 +72,6 @@ def take_line(take: Take) -> str:
         return f"{record.take}: {length}, no pose"
     doubts = int(_doubtful(take).sum())
     return f"{record.take}: {length}, {f'{doubts} of them doubtful' if doubts else 'none doubtful'}"
-
-
-def viewer_link(viewer_url: str, take: str, start: int, end: int) -> str:
-    """Return the viewer's address of a clip, frames inclusive."""
-    asked = urlencode({"take": take, "frames": f"{start}-{end}"})
-    return f"{viewer_url.rstrip('/')}/?{asked}"
 
 
 def _status(take: Take, doubtful: NDArray[np.bool_]) -> str:
@@ -181,7 +175,7 @@ def _doubtful_ranges(take: Take, doubtful: NDArray[np.bool_], viewer_url: str | 
     for first, last in ranges[:_RANGES]:
         text = f"{first}-{last}" if last > first else f"{first}"
         said.append(
-            linked(text, viewer_link(viewer_url, take.name, first, last)) if viewer_url else text
+            linked(text, clip_address(viewer_url, take.name, first, last)) if viewer_url else text
         )
     more = len(ranges) - _RANGES
     return ", ".join(said) + (f", and {more} ranges more" if more > 0 else "")

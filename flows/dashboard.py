@@ -117,7 +117,7 @@ def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
                 update_progress_artifact,
                 artifact_id=artifact,
                 progress=round(100.0 * moment.share, 1),
-                description=f"{take}: {moment.share:.0%}, {moment.said()}",
+                description=_progress_line(moment, take),
             )
 
     return tell
@@ -140,7 +140,7 @@ def count_teller(what: str, total: int) -> Callable[[int], None]:
         nonlocal shown_s
         now_s = time.monotonic()
         left_s = (now_s - begun_s) * (total - done) / done if done > _COUNTED_FROM else None
-        moment = Moment("", "done", done, total, done / total, left_s)
+        moment = Moment("", "", done, total, done / total, left_s)
         show_watcher(moment)
         if artifact and (done == total or now_s - shown_s > _EVERY_S):
             shown_s = now_s
@@ -148,10 +148,16 @@ def count_teller(what: str, total: int) -> Callable[[int], None]:
                 update_progress_artifact,
                 artifact_id=artifact,
                 progress=round(100.0 * moment.share, 1),
-                description=f"{what}: {moment.said()}",
+                description=_progress_line(moment, what),
             )
 
     return tell
+
+
+def _progress_line(moment: Moment, what: str) -> str:
+    """Return what stands beside the progress of something: the list of a run's shows its start."""
+    first = ", ".join(filter(None, [f"{moment.share:.0%}", moment.left()]))
+    return f"{first}: {what}, {moment.done()}" if moment.share < 1 else f"done: {what}"
 
 
 def show_digitized(take: Take, blocks: Blocks) -> None:

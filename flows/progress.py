@@ -54,15 +54,21 @@ class Moment:
     left_s: float | None
     """About how long it still takes [s]; None before that can be told."""
 
-    def said(self) -> str:
-        """Return it in words."""
-        left = f", {time_left(self.left_s)}" if self.left_s is not None and self.share < 1 else ""
+    def done(self) -> str:
+        """Return how far its stage is, in words."""
         if not self.take:
-            return f"{self.frame:.0f} of {self.frames} {self.stage}{left}"
-        done = f"{self.frame:.0f}/{self.frames} frames"
+            return f"{self.frame:.0f} of {self.frames} done"
         if self.stage == ASSEMBLING:
-            done = "done" if self.share == 1.0 else ""
-        return f"{self.stage} {done}".strip() + left
+            return self.stage
+        return f"{self.stage} {self.frame:.0f}/{self.frames} frames"
+
+    def left(self) -> str:
+        """Return how long it still takes, in words; nothing where that is not known."""
+        return "" if self.left_s is None or self.share >= 1 else time_left(self.left_s)
+
+    def said(self) -> str:
+        """Return all of it in words."""
+        return ", ".join(filter(None, [self.done(), self.left()]))
 
 
 Watch = Callable[[Moment], None]

@@ -40,7 +40,7 @@ def failed_runs(since: datetime) -> list[tuple[str, str]]:
         state=FlowRunFilterState(
             type=FlowRunFilterStateType(any_=[StateType.FAILED, StateType.CRASHED])
         ),
-        start_time=FlowRunFilterStartTime(after_=since),
+        start_time=FlowRunFilterStartTime.model_validate({"after_": since}),
     )
     with get_client(sync_client=True) as client:
         found = client.read_flow_runs(flow_run_filter=runs, limit=_MOST_RUNS)

@@ -2,7 +2,7 @@
 
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -83,16 +83,16 @@ def summarize_day(
         f"**In the last {hours:g} hours: {said}.** ({end:%H:%M} UTC)",
     ]
     if failed:
-        lines += ["## Failed", table(("run", "why"), [(escaped(a), _short(b)) for a, b in failed])]
+        lines += ["## Failed", _listed((escaped(run), _short(why)) for run, why in failed)]
     if refused:
         lines += ["## Refused, in quarantine", _refusals(refused, since)]
     if damaged:
-        rows = [(escaped(take), _short(fault)) for take, fault in damaged.items()]
-        lines += ["## Damaged", table(("take", "what"), rows[:_MOST_ROWS])]
+        faults = list(damaged.items())[:_MOST_ROWS]
+        lines += ["## Damaged", _listed((escaped(take), _short(fault)) for take, fault in faults)]
     if new:
         lines += ["## Taken in", _taken_in(new)]
     return "\n\n".join(
-        [*lines, "## The archive", table(("", ""), [*_size(opened.location, records)])]
+        [*lines, "## The archive", table(("all of it", ""), [*_size(opened.location, records)])]
     )
 
 
@@ -139,15 +139,20 @@ def _read_refused(folder: Path) -> Refused | None:
 
 def _refusals(refused: Sequence[Refused], since: datetime) -> str:
     """Return what is in quarantine, the newest first."""
-    rows = [
+    said = (
         (
-            escaped(each.name),
-            f"{each.since:%Y-%m-%d %H:%M}{', new' if each.since > since else ''}",
+            f"{escaped(each.name)}, {'new, ' if each.since > since else ''}"
+            f"since {each.since:%Y-%m-%d %H:%M}",
             _short(each.reason),
         )
         for each in refused[:_MOST_ROWS]
-    ]
-    return table(("recording", "since", "why, and what to do"), rows) + _and_more(len(refused))
+    )
+    return _listed(said) + _and_more(len(refused))
+
+
+def _listed(said: Iterable[tuple[str, str]]) -> str:
+    """Return names and sentences; in a table the dashboard would cut these off."""
+    return "\n".join(f"- **{name}**: {sentence}" for name, sentence in said)
 
 
 def _taken_in(records: Sequence[Record]) -> str:

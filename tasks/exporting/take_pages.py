@@ -51,15 +51,15 @@ def take_page(take: Take, seconds: Mapping[str, float], viewer_url: str | None =
             f"# {title}",
             _status(take, doubtful),
             table(("measured", ""), [*_measured(take, doubtful)]),
-            *_pictures(take, doubtful, frame),
             "## Doubtful frames",
             _doubtful_ranges(take, doubtful, viewer_url),
             "## Notes",
             "\n".join(f"- {escaped(note)}" for note in record.notes) or "None.",
+            *_pictures(take, doubtful, frame),
             "## Times",
             _times(seconds),
-            "## Kept",
-            table(("", ""), [*_kept(take)]),
+            "## In the archive",
+            table(("kept", ""), [*_kept(take)]),
         ]
     )
 
@@ -100,8 +100,8 @@ def _measured(take: Take, doubtful: NDArray[np.bool_]) -> Iterator[tuple[str, st
     middle = int(np.median(counts))
     yield (
         "voxels",
-        f"{middle} in the middle of all frames, of {voxel_m * 1000:g} mm: "
-        f"{middle * voxel_m**3 * 1000:.1f} l",
+        f"{middle:,} in a frame (median), {voxel_m * 1000:g} mm each: "
+        f"{middle * voxel_m**3 * 1000:.1f} liters",
     )
     if empty := int((counts == 0).sum()):
         yield "frames without voxels", str(empty)

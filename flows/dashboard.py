@@ -286,7 +286,7 @@ def artifact_key(kind: str, name: str) -> str:
     told from those that look alike by its digest.
     """
     plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:_KEY_LENGTH].strip("-")
-    if plain != name:
+    if plain != name or not plain:
         digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
         plain = f"{plain}-{digest}".strip("-")
     return f"{kind}-{plain}"

@@ -107,7 +107,7 @@ class _Bars:
             if known is None:
                 known = self._progress.add_task(_short(moment.take or "all"), total=1.0, said="")
                 self._shown[moment.take] = known
-            self._progress.update(known, completed=moment.share, said=moment.said())
+            self._progress.update(known, completed=moment.share, said=moment.said(), refresh=True)
 
 
 @contextmanager

@@ -1,12 +1,20 @@
 """Order: which stage follows which, on what. No arithmetic, no arrays."""
 
 import ctypes
+import logging
 import os
 import sys
 
 # read by Prefect when it is first imported; what the user has set stays
 os.environ.setdefault("PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS", "180")  # 20 s are usual
 os.environ.setdefault("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
+os.environ.setdefault("DO_NOT_TRACK", "1")  # of Prefect's clients: an archive tells nobody
+# what our modules say is in the log of the run too, not only Prefect's own lines
+os.environ.setdefault("PREFECT_LOGGING_EXTRA_LOGGERS", "flows,tasks")
+os.environ.setdefault("PREFECT_LOGGING_TO_API_WHEN_MISSING_FLOW", "ignore")
+for _name in ("flows", "tasks"):
+    if logging.getLogger(_name).level == logging.NOTSET:  # else only warnings would get there
+        logging.getLogger(_name).setLevel(logging.INFO)
 
 # read by numpy's linear algebra when it is first imported: frames run side by side, not products of
 # small matrices, for which its threads wait longer than they work

@@ -5,7 +5,8 @@ provisional labels -> joint tracks. (The paper's provisional labels come before 
 method makes them inside the fit; what the stage stores are the same.)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from storage.blocks import Block, Written, block_path
 from storage.errors import InputError
@@ -18,6 +19,7 @@ from tasks.body.pose_fitting import fit_take
 from tasks.body.provisional_labeling import label_block_provisionally
 from tasks.capture.films import block_ranges
 from tasks.checks.agreement import check_take
+from tasks.engine.progress import listening
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
@@ -27,8 +29,11 @@ from tasks.takes.assembling import Blocks
 Run = Callable[..., Written]
 """Calls a stage's store function, the first argument, with the keywords that follow."""
 
-Tell = Callable[[str, int], None]
-"""Is told a stage and the frame that it has come to."""
+Tell = Callable[[str, float], None]
+"""Is told a stage and the frame that it has come to: at its beginning, in it, and at its end.
+
+A stage that goes through the take several times tells which share of its work is done, in frames.
+"""
 
 
 def digitize(
@@ -71,29 +76,29 @@ def make_voxels(
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
     films, hulls, colors = [], [], []
     for start, end in block_ranges(capture_of(recording.path, recording.digest)):
-        films.append(
-            run(
-                extract_block, **shared, into=_into(recording, "silhouettes", start),
-                start=start, end=end, settings=settings.silhouettes,
-            )
-        )  # fmt: skip
-        tell("silhouettes", end)
+        with _told(tell, "silhouettes", start, end):
+            films.append(
+                run(
+                    extract_block, **shared, into=_into(recording, "silhouettes", start),
+                    start=start, end=end, settings=settings.silhouettes,
+                )
+            )  # fmt: skip
     notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement)
     for film in _blocks(films):
-        hulls.append(
-            run(
-                carve_block, **shared, into=_into(recording, "carving", film.start),
-                silhouettes=film, settings=settings.carving,
-            )
-        )  # fmt: skip
-        tell("carving", film.end)
-        colors.append(
-            run(
-                color_block, **shared, into=_into(recording, "coloring", film.start),
-                silhouettes=film, hulls=hulls[-1].block, settings=settings.coloring,
-            )
-        )  # fmt: skip
-        tell("coloring", film.end)
+        with _told(tell, "carving", film.start, film.end):
+            hulls.append(
+                run(
+                    carve_block, **shared, into=_into(recording, "carving", film.start),
+                    silhouettes=film, settings=settings.carving,
+                )
+            )  # fmt: skip
+        with _told(tell, "coloring", film.start, film.end):
+            colors.append(
+                run(
+                    color_block, **shared, into=_into(recording, "coloring", film.start),
+                    silhouettes=film, hulls=hulls[-1].block, settings=settings.coloring,
+                )
+            )  # fmt: skip
     return {"silhouettes": films, "carving": hulls, "coloring": colors}, notes
 
 
@@ -104,41 +109,43 @@ def make_poses(
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
     hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
     shared |= {"hulls": hulls}
-    model = run(
-        model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
-        settings=settings.initial_model,
-    )  # fmt: skip
-    tell("initial_model", model.block.end)
+    frames = hulls[-1].end
+    with _told(tell, "initial_model", 0, frames):
+        model = run(
+            model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
+            settings=settings.initial_model,
+        )  # fmt: skip
     by_paper = settings.pose_fitting.method == "paper"
-    fit = run(
-        fit_take, **shared, colors=colors, initial=model.block,
-        into=_into(recording, "pose_fitting", 0), settings=settings.pose_fitting.read_by_method(),
-        provisional=settings.for_labels() if by_paper else None,
-    )  # fmt: skip
-    tell("pose_fitting", hulls[-1].end)
+    with _told(tell, "pose_fitting", 0, frames):
+        fit = run(
+            fit_take, **shared, colors=colors, initial=model.block,
+            into=_into(recording, "pose_fitting", 0),
+            settings=settings.pose_fitting.read_by_method(),
+            provisional=settings.for_labels() if by_paper else None,
+        )  # fmt: skip
     shared |= {"initial": model.block, "fitted": fit.block}
     final, provisional = [], []
     for hull in hulls:
-        final.append(
-            run(
-                label_block, **shared, into=_into(recording, "final_labeling", hull.start),
-                start=hull.start, end=hull.end,
-            )
+        with _told(tell, "final_labeling", hull.start, hull.end):
+            final.append(
+                run(
+                    label_block, **shared, into=_into(recording, "final_labeling", hull.start),
+                    start=hull.start, end=hull.end,
+                )
+            )  # fmt: skip
+        with _told(tell, "provisional_labeling", hull.start, hull.end):
+            provisional.append(
+                run(
+                    label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
+                    into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
+                    end=hull.end, settings=settings.for_labels(),
+                )
+            )  # fmt: skip
+    with _told(tell, "joint_tracks", 0, frames):
+        tracked = run(
+            track_take, **shared, labels=_blocks(final), into=_into(recording, "joint_tracks", 0),
+            settings=settings.joint_tracks,
         )  # fmt: skip
-        tell("final_labeling", hull.end)
-        provisional.append(
-            run(
-                label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
-                into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
-                end=hull.end, settings=settings.for_labels(),
-            )
-        )  # fmt: skip
-        tell("provisional_labeling", hull.end)
-    tracked = run(
-        track_take, **shared, labels=_blocks(final), into=_into(recording, "joint_tracks", 0),
-        settings=settings.joint_tracks,
-    )  # fmt: skip
-    tell("joint_tracks", hulls[-1].end)
     return {
         "initial_model": [model],
         "pose_fitting": [fit],
@@ -146,6 +153,15 @@ def make_poses(
         "provisional_labeling": provisional,
         "joint_tracks": [tracked],
     }
+
+
+@contextmanager
+def _told(tell: Tell, stage: str, start: int, end: int) -> Iterator[None]:
+    """Tell how far a stage is that goes from one frame to before another."""
+    tell(stage, start)
+    with listening(lambda share: tell(stage, start + (end - start) * share)):
+        yield
+    tell(stage, end)
 
 
 def _into(recording: Recording, stage: str, start: int) -> str:

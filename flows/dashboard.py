@@ -1,74 +1,308 @@
-"""What a digitization shows on the dashboard: progress, times, notes, the measured body."""
+"""What runs show on the dashboard: progress, a page a take, tables. Nothing here can harm a run.
 
+A server that went away or refuses is told of once a run, in a sentence, and is asked again a minute
+later only.
+"""
+
+import hashlib
 import logging
-from base64 import b64encode
-from collections.abc import Callable
+import os
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from prefect.artifacts import (
-    create_image_artifact,
     create_markdown_artifact,
     create_progress_artifact,
     create_table_artifact,
     update_progress_artifact,
 )
+from prefect.context import FlowRunContext
 
+from flows.progress import Estimate, Moment, show_watcher
+from flows.server import is_server_fault, tell_server_is_gone
 from storage.archive import Take
-from tasks.exporting.voxels import initial_model_png
+from tasks.exporting.addresses import clip_address, match_address
+from tasks.exporting.day_pages import day_line, summarize_day
+from tasks.exporting.markdown import escaped, linked
+from tasks.exporting.take_pages import take_line, take_page
+from tasks.retrieval.answering import Answer
 from tasks.takes.assembling import Blocks
 
 logger = logging.getLogger(__name__)
 
-_BLOCK_STAGES, _TAKE_STAGES = 5, 3
-"""Stages that tell of each block of frames, and those that tell once a take."""
+VIEWER_URL = "SHOSA_VIEWER_URL"
+"""The environment variable that says where the viewer answers; tables link to it."""
+
+_EVERY_S = 3.0
+"""How often the progress of a take is shown at most [s]. A call costs the server some 10 ms."""
+_LOGGED_EVERY_S = 15.0
+"""How often a long stage logs how far it is [s]. Chosen: a line for each few percent of a take."""
+_SILENT_S = 60.0
+"""How long a server that failed is left alone [s]: some failures take seconds to be noticed."""
+_COUNTED_FROM = 9
+"""After how many takes a time is told: they differ, and the first ones wait for the program."""
+_KEY_LENGTH = 60
+"""Of the readable part of a key [characters]. Chosen: a line of the list of pages."""
+_STATUSES = ("failed", "refused", "ingested", "unchanged")
+"""What becomes of recordings, what a person has to see first."""
+
+_AWAY: dict[str, float] = {}
+"""When each run's server failed last [s, of `time.monotonic()`]."""
+_AWAY_LOCK = threading.Lock()
+_RUNS_REMEMBERED = 1000
+"""A worker process may live for months."""
 
 
-def progress_teller(take: str, blocks: int, frames: int) -> Callable[[str, int], None]:
-    """Return what tells how far a take is: a line a block, and the dashboard's progress.
+def shown(show: Callable[..., Any], **arguments: Any) -> Any:
+    """Return what a call to the server returns, or None where it fails: the run goes on.
+
+    Parameters
+    ----------
+    show
+        Of `prefect.artifacts`.
+    arguments
+        Its arguments.
+    """
+    context = FlowRunContext.get()
+    run = str(context.flow_run.id) if context and context.flow_run else ""
+    if time.monotonic() - _AWAY.get(run, -_SILENT_S) < _SILENT_S:
+        return None
+    try:
+        return show(**arguments)
+    except Exception as error:  # whatever ails the server, the work is worth more
+        with _AWAY_LOCK:
+            is_new = run not in _AWAY
+            while len(_AWAY) >= _RUNS_REMEMBERED:
+                _AWAY.pop(next(iter(_AWAY)))
+            _AWAY[run] = time.monotonic()
+        if is_server_fault(error):
+            tell_server_is_gone()
+        elif is_new:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            logger.warning(
+                "the Prefect server does not take what is to be shown on the dashboard (%s); the "
+                "run goes on without",
+                reason,
+            )
+        return None
+
+
+def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
+    """Return what tells how far a take is: the log, the dashboard, and who watches.
 
     Parameters
     ----------
     take
         How it is called.
-    blocks, frames
+    frames
         Of the take.
     """
-    progress = create_progress_artifact(
-        progress=0.0, key="digitize-progress", description=f"{take}, {frames} frames"
-    )
-    total = _BLOCK_STAGES * blocks + _TAKE_STAGES
-    done = 0
+    estimate = Estimate(take, frames)
+    artifact = shown(create_progress_artifact, progress=0.0, description=f"{take}: begun")
+    logged: dict[str, float] = {}
+    shown_s = logged_s = time.monotonic()
 
-    def tell(stage: str, end: int) -> None:
-        nonlocal done
-        done += 1
-        logger.info("    %s: %s %d/%d frames", take, stage.replace("_", " "), end, frames)
-        update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
+    def tell(stage: str, frame: float) -> None:
+        nonlocal shown_s, logged_s
+        moment = estimate.move(stage, frame)
+        show_watcher(moment)
+        now_s = time.monotonic()
+        is_block = isinstance(frame, int) and frame > logged.get(stage, 0)  # else inside a stage
+        if is_block or now_s - logged_s > _LOGGED_EVERY_S:
+            logged[stage], logged_s = frame, now_s
+            logger.info("    %s: %s", take, moment.said())
+        if artifact and (moment.share == 1.0 or now_s - shown_s > _EVERY_S):
+            shown_s = now_s
+            shown(
+                update_progress_artifact,
+                artifact_id=artifact,
+                progress=round(100.0 * moment.share, 1),
+                description=_progress_line(moment, take),
+            )
 
     return tell
 
 
+def count_teller(what: str, total: int) -> Callable[[int], None]:
+    """Return what tells how many of a run's recordings or takes are done.
+
+    Parameters
+    ----------
+    what
+        What is done, and where: "3 recordings into ARCHIVE".
+    total
+        How many there are.
+    """
+    artifact = shown(create_progress_artifact, progress=0.0, description=what)
+    begun_s = shown_s = time.monotonic()
+
+    def tell(done: int) -> None:
+        nonlocal shown_s
+        now_s = time.monotonic()
+        left_s = (now_s - begun_s) * (total - done) / done if done > _COUNTED_FROM else None
+        moment = Moment("", "", done, total, done / total, left_s)
+        show_watcher(moment)
+        if artifact and (done == total or now_s - shown_s > _EVERY_S):
+            shown_s = now_s
+            shown(
+                update_progress_artifact,
+                artifact_id=artifact,
+                progress=round(100.0 * moment.share, 1),
+                description=_progress_line(moment, what),
+            )
+
+    return tell
+
+
+def _progress_line(moment: Moment, what: str) -> str:
+    """Return what stands beside the progress of something: the list of a run's shows its start."""
+    first = ", ".join(filter(None, [f"{moment.share:.0%}", moment.left()]))
+    return f"{first}: {what}, {moment.done()}" if moment.share < 1 else f"done: {what}"
+
+
 def show_digitized(take: Take, blocks: Blocks) -> None:
-    """Show how long each stage took, what was noted, and the initial model."""
-    record = take.record
-    rows = [
+    """Show the page of a take that was digitized; one that cannot be drawn is told in the log."""
+    seconds = {stage: sum(part.seconds for part in parts) for stage, parts in blocks.items()}
+    try:
+        page, line = take_page(take, seconds, viewer_url()), take_line(take)
+    except Exception as error:  # the take is published: a page is not worth a failed run
+        logger.warning("%s: its page cannot be made: %s", take.name, error)
+        return
+    shown(
+        create_markdown_artifact,
+        key=artifact_key("digitized", take.name),
+        markdown=page,
+        description=line,
+    )
+
+
+def show_ingested(archive: str, outcomes: Sequence[Mapping[str, Any]]) -> None:
+    """Show what became of each recording of a run, what failed or was refused first.
+
+    Parameters
+    ----------
+    archive
+        Where they went.
+    outcomes
+        The fields of each `Outcome`.
+    """
+    counts = {
+        status: sum(each["status"] == status for each in outcomes) for status in _known(outcomes)
+    }
+    said = ", ".join(f"{count} {status}" for status, count in counts.items()) or "nothing to do"
+    shown(
+        create_table_artifact,
+        key=artifact_key("ingested", archive),
+        table=ingested_rows(outcomes),
+        description=f"{said}, into {escaped(archive)}",
+    )
+
+
+def ingested_rows(outcomes: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of the table of `show_ingested`."""
+    order = list(_known(outcomes))
+    return [
         {
-            "stage": stage.replace("_", " "),
-            "blocks": len(parts),
-            "seconds": round(sum(part.seconds for part in parts), 1),
+            "status": each["status"],
+            "take": escaped(each["take"] or ""),
+            "reason": escaped(_without_folder(each["reason"], each["path"])),
+            "frames": each["frames"] or "",
+            "Hz": f"{each['rate_hz']:g}" if each["frames"] else "",
+            "joints": each["joints"] if each["frames"] else "",
+            "notes": escaped("; ".join(each["notes"])),
+            "from": escaped(each["path"]),
         }
-        for stage, parts in blocks.items()
+        for each in sorted(outcomes, key=lambda each: order.index(each["status"]))
     ]
-    create_table_artifact(
-        key="digitized", table=rows, description=f"{record.take}: {record.frames} frames"
+
+
+def show_matches(archive: str, query: str, answer: Answer) -> None:
+    """Show what a search has found, with links into the viewer where its address is known."""
+    shown(
+        create_table_artifact,
+        key=artifact_key("matches", archive),
+        table=match_rows(answer, viewer_url()),
+        description=f"{escaped(query)} in {escaped(archive)}: {len(answer.matches)} matches in "
+        f"{answer.searched_takes} takes, {answer.seconds:.2f} s",
     )
-    said = "\n".join(f"- {note}" for note in record.notes)
-    create_markdown_artifact(
-        key="digitized-notes", markdown=f"# {record.take}\n\n{take.path}\n\n{said}"
+
+
+def show_day(
+    archive: str, *, inbox: str | None, hours: float, failed: Sequence[tuple[str, str]]
+) -> str:
+    """Show the page of `summarize_day`, whose arguments these are; return it."""
+    page = summarize_day(archive, inbox=inbox, hours=hours, failed=failed)
+    shown(
+        create_markdown_artifact,
+        key=artifact_key("day", archive),
+        markdown=page,
+        description=day_line(archive, page),
     )
-    if "body" in record.stages:
-        picture = b64encode(initial_model_png(take)).decode()
-        create_image_artifact(
-            f"data:image/png;base64,{picture}",
-            key="digitized-body",
-            description=f"{record.take}: the joints that the body was measured by",
+    return page
+
+
+def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
+    """Return the rows of the table of `show_matches`.
+
+    Parameters
+    ----------
+    answer
+        Of a search.
+    viewer
+        Where the viewer answers, or None.
+    """
+    rows = []
+    for rank, match in enumerate(answer.matches, start=1):
+        record = answer.records[match.take]
+        clip = beside = ""
+        if viewer:
+            clip = clip_address(viewer, match.take, match.start, match.end)
+            beside = match_address(viewer, answer, rank) or ""
+        rows.append(
+            {
+                "rank": linked(rank, beside),
+                "take": linked(match.take, clip),
+                "frames": f"{match.start}-{match.end}",
+                "seconds": f"{match.start / record.rate_hz:.2f}-{match.end / record.rate_hz:.2f}",
+                "distance": f"{match.distance:.4f}",
+                "mirrored": "yes" if match.mirrored else "",
+                "performer": escaped(record.metadata.get("performer", "")),
+                "title": escaped(record.metadata.get("title", "")),
+            }
         )
+    return rows
+
+
+def viewer_url() -> str | None:
+    """Return where the viewer answers, if that is known and an address of the web."""
+    given = os.environ.get(VIEWER_URL, "").strip()
+    return given if re.match(r"https?://[^\s/]+", given) else None
+
+
+def artifact_key(kind: str, name: str) -> str:
+    """Return the key of what is shown of a take or an archive: always the same, and its own.
+
+    Prefect allows small Latin letters, digits and hyphens. A name that has others, or is long, is
+    told from those that look alike by its digest.
+    """
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:_KEY_LENGTH].strip("-")
+    if plain != name or not plain:
+        digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
+        plain = f"{plain}-{digest}".strip("-")
+    return f"{kind}-{plain}"
+
+
+def _without_folder(reason: str, path: str) -> str:
+    """Return a reason with the name of a recording in place of its path, which is in the table."""
+    return reason.replace(path, path.rstrip("/").rsplit("/", 1)[-1])
+
+
+def _known(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, None]:
+    """Return the statuses there are, in order; one that is not known comes first."""
+    there = {each["status"] for each in outcomes}
+    return dict.fromkeys(
+        [*sorted(there - {*_STATUSES}), *(each for each in _STATUSES if each in there)]
+    )

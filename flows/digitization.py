@@ -10,6 +10,7 @@ from prefect import flow
 
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
+from flows.progress import ASSEMBLING
 from storage import open_archive
 from storage.blocks import Block, Written, discard_blocks
 from storage.errors import ArchiveError
@@ -17,7 +18,6 @@ from storage.formats.capture.capture import capture_of
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording
 from tasks.cached import run_once
-from tasks.capture.films import block_ranges
 from tasks.retrieval.indexing import index_take
 from tasks.settings import (
     Settings,
@@ -103,8 +103,9 @@ def _make_draft(
         return written
 
     capture = capture_of(recording.path, recording.digest)
-    tell = progress_teller(recording.take, len(block_ranges(capture)), capture.frames)
+    tell = progress_teller(recording.take, capture.frames)
     blocks, found = chain.digitize(archive, recording, chosen, run=run, tell=tell)
+    tell(ASSEMBLING, 0)
     draft = assemble_take(
         archive,
         recording.path,
@@ -118,6 +119,7 @@ def _make_draft(
     )
     if "motion" in draft["stages"]:
         run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
+    tell(ASSEMBLING, capture.frames)
     return draft, blocks
 
 

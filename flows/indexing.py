@@ -3,11 +3,11 @@
 import logging
 
 from prefect import flow, task
-from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.cache_policies import NO_CACHE
 from prefect.states import Completed, Failed, State
 from prefect.task_runners import ThreadPoolTaskRunner
 
+from flows.dashboard import count_teller
 from storage import open_archive
 from tasks.retrieval.indexing import index_take
 
@@ -48,14 +48,14 @@ def index_archive(archive: str) -> State[list[str]]:
     records, damaged = open_archive(archive).readable_records()
     versions = [(each.take, each.version) for each in records if "motion" in each.stages]
     blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
-    progress = create_progress_artifact(
-        progress=0.0, key="index-progress", description=f"{len(versions)} takes of {archive}"
-    )
+    tell_done = count_teller(f"{len(versions)} takes of {archive}", len(versions))
     runs = [index_block.submit(archive, block) for block in blocks]
     faults: list[str] = []
-    for done, run in enumerate(runs, start=1):
+    done = 0
+    for block, run in zip(blocks, runs, strict=True):
         faults += run.result()
-        update_progress_artifact(progress, progress=100.0 * done / len(runs))  # type: ignore[arg-type]
+        done += len(block)
+        tell_done(done)
     said = f"indexed {len(versions) - len(faults)} takes of {archive}"
     logger.info("%s", said)
     faults = [*damaged.values(), *faults]

@@ -8,18 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from prefect import flow, task
-from prefect.artifacts import (
-    create_progress_artifact,
-    create_table_artifact,
-    update_progress_artifact,
-)
 from prefect.cache_policies import NO_CACHE
 from prefect.runtime import deployment
 from prefect.states import Completed, Failed, State
 from prefect.task_runners import ThreadPoolTaskRunner
 
+from flows.dashboard import count_teller, show_ingested
 from flows.digitization import choose_settings, digitize_take
-from flows.server import SERVER_IS_GONE, is_server_fault
+from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConflictError, InputError, PlaceError
@@ -96,7 +92,7 @@ def run_ingestion(
     except Exception as error:
         if not told or not is_server_fault(error):
             raise
-        logger.warning("%s", SERVER_IS_GONE)
+        tell_server_is_gone()
         return told
     finally:
         _TOLD.reset(token)
@@ -154,9 +150,7 @@ def ingest_archive(
     for note in plan.notes:
         logger.warning("%s", note)
     total = len(plan.recordings)
-    progress = create_progress_artifact(
-        progress=0.0, key="ingest-progress", description=f"{total} recordings into {archive}"
-    )
+    tell_done = count_teller(f"{total} recordings into {archive}", total)
     outcomes = _TOLD.get([])
     outcomes += [_refused(each) for each in plan.refusals]
     # what the archive has costs no run of a task
@@ -172,10 +166,8 @@ def ingest_archive(
     for done, (recording, run) in enumerate(runs, start=1):
         result = run if isinstance(run, Outcome) else run.result(raise_on_failure=False)
         outcomes.append(_tell(_outcome(recording, result), done, total))
-        update_progress_artifact(progress, progress=100.0 * done / total)  # type: ignore[arg-type]
-    create_table_artifact(
-        key="ingested", table=[_row(each) for each in outcomes], description=f"into {archive}"
-    )
+        tell_done(done)
+    show_ingested(archive, [asdict(each) for each in outcomes])
     lost = [each for each in outcomes if each.reason]
     if not lost:
         return Completed(message=f"All {len(outcomes)} recordings are in.", data=outcomes)
@@ -251,7 +243,7 @@ def _digitize(
     except Exception as error:
         if not is_server_fault(error):
             raise
-        logger.warning("%s", SERVER_IS_GONE)
+        tell_server_is_gone()
     record = read_record(opened.place, recording.take)
     if record and record.number > (before.number if before else 0):
         return asdict(record), True
@@ -348,8 +340,3 @@ def _tell(outcome: Outcome, done: int, total: int) -> Outcome:
     for note in outcome.notes if outcome.status == "ingested" else ():
         logger.info("    %s", note)
     return outcome
-
-
-def _row(outcome: Outcome) -> dict[str, Any]:
-    """Return an outcome as a row of the dashboard's table."""
-    return {**asdict(outcome), "notes": "; ".join(outcome.notes)}

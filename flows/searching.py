@@ -1,9 +1,9 @@
 """A search of the whole archive, as a run on the dashboard."""
 
 from prefect import flow, task
-from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
+from flows.dashboard import show_matches
 from tasks.motion.importing import ImportSettings
 from tasks.retrieval.answering import Answer, answer_query
 from tasks.retrieval.searching import SearchSettings
@@ -19,11 +19,7 @@ def search_archive(
 ) -> Answer:
     """Find what moves like `query` (TAKE[:START-END] or FILE[:START-END]) in all takes."""
     answer = search_now(archive, query, settings or SearchSettings(), takes, imported)
-    create_table_artifact(
-        key="matches",
-        table=answer.as_json()["matches"],
-        description=f"{query} in {archive}, in {answer.seconds:.2f} s",
-    )
+    show_matches(archive, query, answer)
     return answer
 
 

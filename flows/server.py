@@ -1,15 +1,15 @@
 """The Prefect server that runs are told to: is it there, and what if it goes away."""
 
+import functools
+import logging
 import os
 import tempfile
 from pathlib import Path
 
 import httpx
 
-SERVER_IS_GONE = (
-    "the Prefect server does not answer any more: the dashboard does not show how this run ended; "
-    "what it takes in is in the archive"
-)
+logger = logging.getLogger(__name__)
+
 _ANSWER_S = 10.0
 """How long a server may take to say that it is well [s]. A busy one needs some seconds."""
 
@@ -25,6 +25,15 @@ def is_server_fault(error: BaseException) -> bool:
     if isinstance(error, PrefectHTTPStatusError):
         return error.response.status_code >= httpx.codes.INTERNAL_SERVER_ERROR
     return isinstance(error, httpx.TransportError)
+
+
+@functools.cache
+def tell_server_is_gone() -> None:
+    """Say, once a process, that runs go on without the server."""
+    logger.warning(
+        "the Prefect server does not answer any more: the dashboard does not show how this run "
+        "ended; what is taken in is in the archive"
+    )
 
 
 def check_server() -> None:

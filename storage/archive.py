@@ -23,8 +23,10 @@ from storage.records import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray
     import zarr
+    from numpy.typing import NDArray
 
 ARCHIVE_FORMAT = 1
 _MARK = "archive.json"
@@ -115,6 +117,12 @@ class Take:
         from storage.arrays.voxels import read_occupied
 
         return read_occupied(self._voxels, frame)
+
+    def voxel_counts(self) -> "NDArray[np.int64]":
+        """Return how many voxels are occupied in each frame, (time,); raises as `voxels`."""
+        from storage.arrays.voxels import read_voxel_counts
+
+        return read_voxel_counts(self._voxels)
 
     @cached_property
     def _voxels(self) -> "zarr.Group":

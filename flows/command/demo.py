@@ -8,6 +8,7 @@ is known, and is counted.
 from pathlib import Path
 
 from flows.command import printing
+from flows.command.terminal import bars
 from flows.ingestion import run_ingestion
 from tasks.exporting.demonstration import (
     draw_match,
@@ -26,8 +27,11 @@ _SHOWN = 5
 """How many matches of a search are printed."""
 
 
-def run_demo(folder: Path) -> bool:
-    """Make the demo in `folder`; return whether everything was taken in and found."""
+def run_demo(folder: Path, *, quiet: bool = False) -> bool:
+    """Make the demo in `folder`; return whether everything was taken in and found.
+
+    Without bars where it is to be quiet.
+    """
     takes, searches = demo_performances()
     archive = str(folder / "archive")
     recordings = write_recordings(folder, takes)
@@ -35,7 +39,8 @@ def run_demo(folder: Path) -> bool:
         f"{len(takes)} performances of three performers, and the films of eight cameras of one of "
         f"them, are in {recordings}"
     )
-    outcomes = run_ingestion(archive, [str(recordings)])
+    with bars(quiet=quiet):
+        outcomes = run_ingestion(archive, [str(recordings)])
     printing.print_outcomes(outcomes, as_json=False)
     lost = sum(_show_search(archive, search, folder) for search in searches)
     draw_takes(archive, takes, folder)

@@ -26,6 +26,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
+from flows.command.terminal import bars, log_to_standard_error
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sub-command in `arguments` (default: the command line); return the exit code."""
     _write_any_text()
     options = build_parser().parse_args(arguments)
-    _log_to_standard_error(quiet=options.quiet, verbose=options.verbose)
+    log_to_standard_error(quiet=options.quiet, verbose=options.verbose)
     try:
         return options.run(options)
     except (UnknownNameError, UsageError) as error:
@@ -213,7 +214,7 @@ def _demo(options: argparse.Namespace) -> int:
     _prepare_prefect()
     from flows.command.demo import run_demo
 
-    return DONE if run_demo(Path(options.folder)) else RUN_FAILED
+    return DONE if run_demo(Path(options.folder), quiet=options.quiet) else RUN_FAILED
 
 
 def _ingest(options: argparse.Namespace) -> int:
@@ -225,9 +226,10 @@ def _ingest(options: argparse.Namespace) -> int:
     _prepare_prefect()
     from flows.ingestion import run_ingestion
 
-    outcomes = run_ingestion(
-        options.archive, options.paths, importing, settings, again=options.again
-    )
+    with bars(quiet=options.quiet):
+        outcomes = run_ingestion(
+            options.archive, options.paths, importing, settings, again=options.again
+        )
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}
     if "failed" in failed:
@@ -328,7 +330,8 @@ def _index(options: argparse.Namespace) -> int:
     _prepare_prefect()
     from flows.indexing import run_indexing
 
-    faults = run_indexing(options.archive)
+    with bars(quiet=options.quiet):
+        faults = run_indexing(options.archive)
     for fault in faults:
         printing.say(fault)
     return RUN_FAILED if faults else DONE
@@ -384,19 +387,6 @@ def _write_any_text() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def _log_to_standard_error(*, quiet: bool, verbose: bool) -> None:
-    """Let our modules speak on standard error, a line a message."""
-    of_flows = logging.DEBUG if verbose else logging.INFO
-    of_stages = logging.INFO if verbose else logging.WARNING
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("%(message)s"))
-    for name, level in (("flows", of_flows), ("tasks", of_stages)):
-        logger = logging.getLogger(name)
-        logger.handlers[:] = [handler]
-        logger.setLevel(logging.ERROR if quiet else level)
-        logger.propagate = False
 
 
 def _prepare_prefect() -> None:

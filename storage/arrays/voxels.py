@@ -227,6 +227,12 @@ def read_voxels(voxels: zarr.Group, frame: int) -> xarray.Dataset:
     )
 
 
+def read_voxel_counts(voxels: zarr.Group) -> NDArray[np.int64]:
+    """Return how many voxels are occupied in each frame, (time,)."""
+    offset: Any = voxels["voxel_offset"]
+    return np.diff(np.asarray(offset[:], np.int64))
+
+
 def read_occupied(voxels: zarr.Group, frame: int) -> xarray.DataArray:
     """Return the dense view of a frame, `(x, y, z)` bool, its coordinates in metres.
 

@@ -23,6 +23,7 @@ from storage.schema import JOINTS
 from tasks.body.anatomy.segments import CARRIERS
 from tasks.capture.films import grid_of
 from tasks.engine.kernels import njit
+from tasks.engine.progress import within
 from tasks.engine.settings import Count, NotNegative, Share, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxel_lines import labeled_centers, lines_of
@@ -191,7 +192,8 @@ def track_take(
             center, ends = labeled_centers(frames.grid, lines, label, ARM_LABELS)
             return move_to_ends(fit["joint"][frame], center, ends, settings, stature_m=stature_m)
 
-        moved += side_by_side(move, range(block.start, block.end))
+        with within(block.start / len(frames), block.end / len(frames)):
+            moved += side_by_side(move, range(block.start, block.end))
     position, filled = build_joint_track(np.stack(moved), fit["quality"], settings)
     arrays = {"position": position, "filled": filled}
     return write_block(place, into, (0, len(moved)), arrays, begun)

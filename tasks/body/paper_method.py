@@ -16,6 +16,7 @@ from tasks.body.labels.final import label_frame
 from tasks.body.labels.provisional import ProvisionalSettings, label_provisionally
 from tasks.body.labels.skin import label_skin, skin_table
 from tasks.body.poses.paper import PaperMethodSettings, fit_frame_as_paper, join_poses
+from tasks.engine.progress import report
 from tasks.geometry.voxel_lines import lines_of
 from tasks.geometry.voxels import voxel_centers
 from tasks.reconstruction.voxel_frames import VoxelFrames
@@ -75,6 +76,7 @@ def fit_as_paper(
     found = [(*pose, np.ones(11))]
     means, inverses = [], []
     for frame in range(len(frames)):
+        report(frame, len(frames))
         index, lines = frames.index(frame), lines_of(frames.hull(frame))
         if frame > start.frame and len(index):
             skin = label_skin(

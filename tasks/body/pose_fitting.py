@@ -38,12 +38,17 @@ from tasks.body.poses.joint import fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
 from tasks.body.poses.passes import JointMethodSettings
 from tasks.capture.films import grid_of
+from tasks.engine.progress import within
 from tasks.engine.settings import check_ranges
 from tasks.geometry.voxel_lines import marked_centers
 from tasks.geometry.voxels import VoxelRuns, voxel_centers
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
+
+_SEEN, _FITTED = 0.27, 0.9
+"""How much of the stage's time is over when face, hands and feet are found, and when the poses are
+fitted [share]. Measured as those of `tasks.body.poses.joint`."""
 
 Blobs = list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # mean and inverse, a frame each
 
@@ -107,22 +112,25 @@ def fit_take(
     start = Start(
         initial.start, first["position"], first["label"], float(first["stature_m"]), source.fps
     )
-    seen = find_extremities(
-        _Surfaces(frames), source.fps, start.stature_m,
-        dict(zip(JOINTS, start.position, strict=True)),
-        initial_frame=start.frame, settings=settings.extremities,
-    )  # fmt: skip
-    if settings.method == "joint":
-        arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
-    else:
-        rule = provisional or ProvisionalSettings()
-        arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
-        blobs = list(zip(arrays["blob_mean"], arrays["blob_inverse"], strict=True))
-    arrays |= find_doubts(
-        frames, arrays["doubtful"], blobs, seen.position[:, 1:], source.fps,
-        initial_frame=start.frame, confidence=float(first["confidence"]),
-        settings=settings.doubts,
-    )  # fmt: skip
+    with within(0.0, _SEEN):
+        seen = find_extremities(
+            _Surfaces(frames), source.fps, start.stature_m,
+            dict(zip(JOINTS, start.position, strict=True)),
+            initial_frame=start.frame, settings=settings.extremities,
+        )  # fmt: skip
+    with within(_SEEN, _FITTED):
+        if settings.method == "joint":
+            arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
+        else:
+            rule = provisional or ProvisionalSettings()
+            arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
+            blobs = list(zip(arrays["blob_mean"], arrays["blob_inverse"], strict=True))
+    with within(_FITTED, 1.0):
+        arrays |= find_doubts(
+            frames, arrays["doubtful"], blobs, seen.position[:, 1:], source.fps,
+            initial_frame=start.frame, confidence=float(first["confidence"]),
+            settings=settings.doubts,
+        )  # fmt: skip
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from tasks.engine.progress import report
+
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -14,15 +16,21 @@ _SHARES = 16  # of a thread: the last one to end keeps the others waiting for on
 
 
 def side_by_side(work: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
-    """Return `work` of each item, in order.
+    """Return `work` of each item, in order; who listens hears how many are done.
 
     A thread is handed some neighbors at a time: to hand over one costs a twentieth of a frame's
     fit, and more where threads wait for each other.
     """
+    results: list[_Result] = []
     if len(items) < 2 or THREADS < 2:
-        return [work(item) for item in items]
+        for item in items:
+            results.append(work(item))
+            report(len(results), len(items))
+        return results
     size = max(1, len(items) // (_SHARES * THREADS))
     shares = [items[n : n + size] for n in range(0, len(items), size)]
     with ThreadPoolExecutor(THREADS) as pool:
-        done = pool.map(lambda share: [work(item) for item in share], shares)
-        return [result for share in done for result in share]
+        for done in pool.map(lambda share: [work(item) for item in share], shares):
+            results += done
+            report(len(results), len(items))
+    return results

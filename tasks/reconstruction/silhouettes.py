@@ -29,6 +29,7 @@ from storage.formats.capture.capture import capture_of
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.films import largest_image, read_backgrounds, read_films
 from tasks.engine.kernels import njit
+from tasks.engine.progress import within
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.components import clean_region
@@ -336,7 +337,9 @@ def extract_block(
             part[:, : bits.shape[1], : bits.shape[2]] = bits
             return [take_pixels(each, frame) for each, frame in zip(bits, film, strict=True)]
 
-        of_cameras = side_by_side(extract, range(len(films)))
+        ends = (first - start, first - start + len(films[0]))
+        with within(ends[0] / (end - start), ends[1] / (end - start)):
+            of_cameras = side_by_side(extract, range(len(films)))
         color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
     arrays = {"silhouette": packed, "color": np.concatenate(color)}
     return write_block(open_archive(archive).place, into, (start, end), arrays, begun)

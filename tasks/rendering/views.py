@@ -115,22 +115,57 @@ def render_take(
         )
 
     def draw(frame: int) -> NDArray[np.uint8]:
-        voxels = opened.voxels(frame)
-        is_surface = voxels["is_surface"].values
-        center = voxels["center"].values[is_surface]
-        shown = voxels["color"].values[is_surface]
-        if color == "segments":
-            shown = SEGMENT_COLORS[voxels["label"].values[is_surface]]
-        matrix, rotation, translation = cameras[frame]
-        return render_view(
-            center, shown, voxels.attrs["voxel_m"], matrix, rotation, translation, size
-        )
+        return _draw_voxels(opened.voxels(frame), cameras[frame], size, color)
 
     if suffix == ".png":
         write_png(file, draw(first))
         return f"{file}: frame {first} of {take}"
     write_video(file, _drawn(draw, chosen, tell), opened.record.rate_hz)
     return f"{file}: {len(chosen)} frames of {take} at {opened.record.rate_hz:g} Hz"
+
+
+def picture_frame(
+    take: Take,
+    frame: int,
+    *,
+    path: CameraPath = CameraPath(),
+    size: tuple[int, int],
+    color: Literal["video", "segments"] = "video",
+) -> NDArray[np.uint8]:
+    """Return a view (row, column, 3) RGB of the voxels of one frame, which fill it.
+
+    Parameters
+    ----------
+    frame, path, size, color
+        As of `render_take`; `path.camera` and `path.turns` are not read.
+
+    Raises
+    ------
+    ArchiveError
+        If the take has no voxels.
+    IndexError
+        If there is no such frame.
+    """
+    middle, distance_m = _view_of_all(take, range(frame, frame + 1), size)
+    camera = aim_camera(
+        middle, path.azimuth, path.elevation, distance_m, size, view_angle=_VIEW_ANGLE
+    )
+    return _draw_voxels(take.voxels(frame), camera, size, color)
+
+
+def _draw_voxels(
+    voxels: xarray.Dataset,
+    camera: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    size: tuple[int, int],
+    color: str,
+) -> NDArray[np.uint8]:
+    """Return what a camera would see of the voxels of a frame."""
+    is_surface = voxels["is_surface"].values
+    shown = voxels["color"].values[is_surface]
+    if color == "segments":
+        shown = SEGMENT_COLORS[voxels["label"].values[is_surface]]
+    center = voxels["center"].values[is_surface]
+    return render_view(center, shown, voxels.attrs["voxel_m"], *camera, size)
 
 
 def _drawn(

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.motion.writing import write_beside
 
+_QUALITIES = (85, 75, 60, 45)
+"""Qualities of WebP that are tried, of 100. Chosen by eye: below the last it shows blocks."""
+
 
 def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
     """Write an RGB picture as PNG: beside its place, then renamed, so never half of one.
@@ -56,3 +59,38 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
         )
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     return encoded.tobytes()
+
+
+def encode_within(image: NDArray[np.uint8], most_bytes: int) -> tuple[bytes, str]:
+    """Return an RGB picture as the bytes of a small file, and the media type of that.
+
+    PNG where it is small enough, since lines and letters stay sharp; else WebP, of lower quality
+    and then smaller until it fits.
+
+    Parameters
+    ----------
+    image : (row, column, 3) uint8
+        RGB.
+    most_bytes
+        How long the file may be.
+
+    Raises
+    ------
+    ValueError
+        Where the image is not an RGB picture, or no picture is so small.
+    """
+    import cv2
+
+    encoded = encode_png(image)
+    if len(encoded) <= most_bytes:
+        return encoded, "image/png"
+    turned = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    while True:
+        for quality in _QUALITIES:
+            _, content = cv2.imencode(".webp", turned, [cv2.IMWRITE_WEBP_QUALITY, quality])
+            if len(content) <= most_bytes:
+                return content.tobytes(), "image/webp"
+        rows, columns = turned.shape[0] // 2, turned.shape[1] // 2
+        if not (rows and columns):
+            raise ValueError(f"no picture has {most_bytes} bytes; allow more")
+        turned = cv2.resize(turned, (columns, rows), interpolation=cv2.INTER_AREA)

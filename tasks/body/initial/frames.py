@@ -21,6 +21,7 @@ from tasks.body.initial.held_hulls import (
     held_crop,
     pieces_of_body,
 )
+from tasks.engine.progress import report
 from tasks.engine.settings import Count, Positive, Share, check_ranges
 from tasks.geometry.sides import cut_off_at
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
@@ -151,7 +152,8 @@ def best_frame(
     count = min(runs.frames, max(1, round(settings.search_s * rate_hz)))
     frames = np.unique(np.linspace(0, count - 1, min(settings.frames, count)).astype(int))
     looked, seen = [], {}
-    for frame in frames.tolist():
+    for done, frame in enumerate(frames.tolist()):
+        report(done, len(frames))
         around = frames_around(frame, runs.frames, round(settings.held_s * rate_hz))
         found = _look_at(runs, grid, frame, around, settings)
         if isinstance(found, str):

@@ -27,6 +27,7 @@ from tasks.body.blobs.fitting import (
 from tasks.body.blobs.model import FitModel, middles
 from tasks.body.blobs.samples import Drawn
 from tasks.body.poses.limbs import LIMBS, Limb, choose_fits, reach_for
+from tasks.engine.progress import report, within
 from tasks.engine.settings import (
     Count,
     CountOrNone,
@@ -252,7 +253,8 @@ def follow(take: Fitting, frames: Sequence[int], start: Pose) -> list[Fit]:
     share = settings.keep_moving ** (_RATE_OF_MOTION_HZ / take.rate_hz)
     fits: list[Fit] = []
     wait = 0
-    for frame in frames:
+    for done, frame in enumerate(frames):
+        report(done, len(frames))
         ahead = start if not fits else fits[-1].pose
         if len(fits) > 1:
             ahead = extrapolate(fits[-2].pose, fits[-1].pose, share, share)
@@ -407,10 +409,12 @@ def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
     step = max(1, len(poses) // take.settings.joint_frames)
     frames = [t for t in range(0, len(poses), step) if len(take.samples[t][0])]
     settled = [poses[t] for t in frames]
-    for earlier in range(take.settings.joint_rounds):
+    rounds = take.settings.joint_rounds
+    for earlier in range(rounds):
         if earlier:  # with the joints found so far
             pairs = list(zip(frames, settled, strict=True))
-            settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
+            with within(earlier / rounds, (earlier + 1) / rounds):
+                settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
         seen = ((take.sample(t), pose) for t, pose in zip(frames, settled, strict=True))
         take = replace(take, model=settle_joints(take.model, seen, take.settings.fit))
     return take.model

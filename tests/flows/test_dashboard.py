@@ -286,7 +286,9 @@ def test_a_digitization_is_on_the_dashboard_and_in_its_log(capture, tmp_path):
         found = client.read_artifacts(limit=100)
         logs = client.read_logs(limit=200)
     mine = [
-        each for each in found if "dashed" in str(each.data) or "posed" in str(each.description)
+        each
+        for each in found
+        if "dashed" in f"{each.data} {each.description}" or "posed" in str(each.description)
     ]
     kinds = {each.type: each for each in mine}
     assert set(kinds) == {"progress", "markdown", "table"}

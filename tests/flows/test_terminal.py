@@ -95,6 +95,7 @@ def test_there_are_no_bars_where_nobody_wants_or_can_see_them(use, monkeypatch, 
 
 def test_an_error_takes_the_bars_away_and_gives_the_cursor_back(use):
     terminal = use(Terminal())
+    log_to_standard_error(quiet=False, verbose=False)  # not to a stream of another test
 
     def fail():
         with bars(quiet=False):

@@ -28,6 +28,7 @@ from prefect.client.schemas.objects import (
     FlowRun,
     StateType,
 )
+from prefect.client.schemas.responses import SetStateStatus
 from prefect.events.actions import ChangeFlowRunState
 from prefect.events.schemas.automations import AutomationCore, EventTrigger, Posture
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
@@ -140,7 +141,10 @@ def _crash_dead_runs(client: Any) -> None:
         dead |= more
     for run in dead:
         with suppress(ObjectNotFound):
-            client.set_flow_run_state(run, Crashed(message=_DIED), force=True)
+            # not forced at first: so it also gives back what it held
+            said = client.set_flow_run_state(run, Crashed(message=_DIED))
+            if said.status != SetStateStatus.ACCEPT:
+                client.set_flow_run_state(run, Crashed(message=_DIED), force=True)
 
 
 def _parent_of(client: Any, run: FlowRun) -> Any:

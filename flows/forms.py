@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from prefect import State, flow
 from prefect.artifacts import create_table_artifact
+from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -31,6 +32,7 @@ logger = logging.getLogger(__name__)
 
 _MOST_PATHS, _MOST_MATCHES = 100, 1000
 """How much one form may ask for. Chosen: a page."""
+_NAMED = 3  # recordings in the name of a run
 _LONGEST = 4096  # the longest path of a system
 
 Part = Literal[
@@ -47,19 +49,23 @@ class Reading(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    scale_m: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        default=None,
+    scale_m: float = Field(
+        default=0.0,
+        ge=0,
+        le=1000,
         title="Scale",
-        description="Metres in one unit of the file. Empty: as the file and the body say.",
+        description="Metres in one unit of the file. 0: as the file and the body say.",
     )
     up: Literal["as the file says", "x", "y", "z"] = Field(
         default="as the file says", title="Up", description="The file's axis that points up."
     )
-    low_pass_hz: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        default=None,
+    low_pass_hz: float = Field(
+        default=0.0,
+        ge=0,
+        le=1000,
         title="Low-pass",
         description="Smooth the markers: movement above this frequency in Hz is taken for noise. "
-        "Empty: nothing is smoothed.",
+        "0: nothing is smoothed.",
     )
 
 
@@ -84,7 +90,13 @@ def scan() -> State[Any]:
     return Completed(message=said)
 
 
-@flow(name="ingest", flow_run_name="ingest {paths}", persist_result=False)
+def _name_of_ingestion() -> str:
+    """Return how an ingestion is called on the dashboard."""
+    names = [str(path).rstrip("/").rpartition("/")[2] for path in flow_run.parameters["paths"]]
+    return f"ingest {', '.join(names[:_NAMED])}{', ...' if len(names) > _NAMED else ''}"
+
+
+@flow(name="ingest", flow_run_name=_name_of_ingestion, persist_result=False)
 def ingest(
     paths: Annotated[list[PathText], Field(min_length=1, max_length=_MOST_PATHS)],
     reading: Reading = Reading(),  # noqa: B008 - never changed, and shown as the form's defaults
@@ -111,7 +123,13 @@ def ingest(
     return state_of(counts, faults) if outcomes else Failed(message=said)
 
 
-@flow(name="digitize", flow_run_name="digitize {capture}", persist_result=False)
+def _name_of_digitization() -> str:
+    """Return how a digitization is called on the dashboard: by the folder, without where it is."""
+    capture = str(flow_run.parameters["capture"]).rstrip("/")
+    return f"digitize {capture.rpartition('/')[2]}"
+
+
+@flow(name="digitize", flow_run_name=_name_of_digitization, persist_result=False)
 def digitize(
     capture: PathText,
     method: Literal["as the capture says", "joint", "paper"] = "as the capture says",
@@ -165,7 +183,7 @@ def search(
     query: PathText,
     part: Part = "whole",
     top: Annotated[int, Field(ge=1, le=_MOST_MATCHES)] = 10,
-    threshold: Annotated[float, Field(gt=0, le=100)] | None = None,
+    threshold: Annotated[float, Field(ge=0, le=100)] = 0.0,
     mirror: bool = False,  # noqa: FBT001, FBT002 - a switch of a form
     path_weight: Annotated[float, Field(ge=0, le=100)] = 0.0,
     takes: Annotated[str, Field(max_length=200)] = "",
@@ -176,7 +194,7 @@ def search(
         query: TAKE, TAKE:START-END, FILE or FILE:START-END; frames are inclusive.
         part: The joints to compare.
         top: At most so many matches.
-        threshold: Only matches whose distance is below this. Empty for no bound.
+        threshold: Only matches whose distance is below this; 0 for no bound.
         mirror: Also look for the motion with left and right exchanged.
         path_weight: How much it counts where the dancer goes on the floor; 0 for not at all.
         takes: Search only in takes whose name matches, such as okuri*. Empty for all.
@@ -186,7 +204,7 @@ def search(
 
     served = _begin()
     settings = SearchSettings(
-        part=part, top=top, threshold=threshold, mirror=mirror, path_weight=path_weight
+        part=part, top=top, threshold=threshold or None, mirror=mirror, path_weight=path_weight
     )
     try:
         asked = _check_query(served, query)
@@ -284,7 +302,9 @@ def _import_settings(reading: Reading) -> Any:
     from tasks.motion.importing import ImportSettings
 
     up = None if reading.up == "as the file says" else reading.up
-    return ImportSettings(scale=reading.scale_m, up=up, low_pass_hz=reading.low_pass_hz)
+    return ImportSettings(
+        scale=reading.scale_m or None, up=up, low_pass_hz=reading.low_pass_hz or None
+    )
 
 
 def _refused(error: Exception) -> State[Any]:

@@ -137,10 +137,12 @@ def scan_inbox(
 def state_of(counts: Counter[str], faults: Sequence[str], *, waiting: int = 0) -> State[Any]:
     """Return how a run ends that met these numbers of recordings, with one sentence."""
     total = sum(counts.values())
+    for fault in faults:
+        logger.error("%s", fault)
     if faults:
         more = f"; and {len(faults) - _SHOWN} more" if len(faults) > _SHOWN else ""
         said = f"{len(faults)} of {total} recordings were not taken in: "
-        message = said + "; ".join(faults[:_SHOWN]) + more
+        message = (said if total > 1 else "") + "; ".join(faults[:_SHOWN]) + more
         name = "Failed" if counts["failed"] else REFUSED
         return Failed(name=name, message=message)
     words = {
@@ -236,7 +238,6 @@ def _start(scan: Scan, name: str, digest: str) -> str:
         timeout=0,
         as_subflow=False,
         idempotency_key=f"{digest}-{seen.stamp}-{seen.tries}",
-        flow_run_name=f"digitize {name}",
     )
     logger.info("%r is digitized by the run %s", name, run.name)
     return str(run.id)

@@ -156,6 +156,7 @@ class _Supervisor:
             self._watch()
         finally:
             self.worker.stop()  # while the server is there to hear of it
+            _end_left_runs(self.environment)
             if self.server:
                 self.server.stop()
             for each, handler in before.items():
@@ -191,6 +192,13 @@ class _Supervisor:
         if child.code():
             raise ServingError(f"the server cannot be told what can be run: {child.last_words()}")
 
+    def _tell_dead(self) -> None:
+        """Have the server told which runs died with the worker, if it can be told."""
+        try:
+            self._tell("join")
+        except ServingError as error:
+            logger.warning("%s", error)
+
     def _watch(self) -> None:
         """Start what died again, and the worker when the server had been away."""
         asked, away = time.monotonic(), False
@@ -198,14 +206,14 @@ class _Supervisor:
             if self.server:
                 self.server.keep(self.environment)
             if self.worker.keep(self.environment) and is_healthy(self.url):
-                with suppress(ServingError):
-                    self._tell("join")
+                self._tell_dead()
             if time.monotonic() - asked >= _HEALTH_S:
                 asked = time.monotonic()
                 answers = is_healthy(self.url)
                 if answers and away:
                     logger.warning("the Prefect server is back; the worker is started again")
-                    self.worker.replace()
+                    self.worker.kill()
+                    self._tell_dead()
                 elif not answers and not away:
                     logger.warning("the Prefect server at %s does not answer", self.url)
                 away = not answers
@@ -265,8 +273,8 @@ class _Child:
             self.start(environment)
         return died
 
-    def replace(self) -> None:
-        """End the process, but not what it runs, so that it is started anew."""
+    def kill(self) -> None:
+        """End the process, but not what it runs; it is started anew at the next look."""
         if self.process is not None and not self.is_dead():
             self.process.kill()
             self.process.wait()
@@ -292,6 +300,18 @@ class _Child:
         lines = self.log.read_bytes()[-20_000:].decode(errors="replace").splitlines()
         said = [line.strip() for line in lines if any(each.isalpha() for each in line)]
         return f"{said[-1] if said else 'it said nothing'} (all of it is in {self.log})"
+
+
+def _end_left_runs(environment: Mapping[str, str]) -> None:
+    """End the runs that a worker left behind when it was killed (Linux)."""
+    ours = f"{VARIABLE}={environment[VARIABLE]}".encode()
+    home = f"PREFECT_HOME={environment['PREFECT_HOME']}".encode()
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            said = path.read_bytes().split(b"\0")
+            is_run = any(each.startswith(b"PREFECT__FLOW_RUN_ID=") for each in said)
+            if is_run and ours in said and home in said:
+                os.kill(int(path.parent.name), signal.SIGKILL)
 
 
 def _die_with_parent() -> None:

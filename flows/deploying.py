@@ -58,6 +58,7 @@ def main(action: str) -> None:
     served = read_served()
     with get_client(sync_client=True) as client:
         if action == "join":
+            _check_same(client, served)
             _crash_dead_runs(client)
             return
         _make_pool(client, served)
@@ -67,9 +68,27 @@ def main(action: str) -> None:
         each.apply()
 
 
+def _about(served: Served) -> str:
+    """Return what the pool says of itself."""
+    return f"{served.archive}, with the inboxes {', '.join(served.inboxes) or '(none)'}"
+
+
+def _check_same(client: Any, served: Served) -> None:
+    """Refuse to work for a server that serves something else, or by other paths."""
+    try:
+        about = client.read_work_pool(POOL).description
+    except ObjectNotFound:
+        about = "nothing yet"
+    if about != _about(served):
+        raise SystemExit(
+            f"that server serves {about}; this machine has to see the same by the same paths, and "
+            f"was told {_about(served)}"
+        )
+
+
 def _make_pool(client: Any, served: Served) -> None:
     """Make the work pool, or make it again as it should be."""
-    about = f"The archive {served.archive}"
+    about = _about(served)
     try:
         pool = client.read_work_pool(POOL)
     except ObjectNotFound:

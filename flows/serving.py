@@ -332,6 +332,8 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
             "prefect.server.concurrency.lease_storage.filesystem"
         ),
         "PREFECT_SERVER_CONCURRENCY_INITIAL_DEPLOYMENT_LEASE_DURATION": str(_LEASE_S),
+        # SQLite lets one write at a time; who waits for 10 s is refused otherwise
+        "PREFECT_SERVER_DATABASE_TIMEOUT": "60",
         "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(_HEARTBEAT_S),
         "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",  # reading a pickle runs what is in it
         "PREFECT_LOGGING_EXTRA_LOGGERS": "flows,tasks,storage",

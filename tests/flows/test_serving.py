@@ -58,11 +58,12 @@ class Serve:
             "PYTHONUNBUFFERED": "1",
         }
         self.log = folder / "serve.log"
-        self.process = subprocess.Popen(
-            self.command("--port", str(self.port), "--every", "5", "--settle", "1"),
-            env=self.environment,
-            stderr=self.log.open("wb"),
-        )
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                self.command("--port", str(self.port), "--every", "10", "--settle", "1"),
+                env=self.environment,
+                stderr=log,
+            )
 
     def command(self, *options):
         shosa = [sys.executable, "-m", "flows.command.main", "serve", str(self.archive)]
@@ -73,8 +74,14 @@ class Serve:
         if body is not None:
             request.data = json.dumps(body).encode()
             request.add_header("content-type", "application/json")
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.load(answer)
+        while True:  # a busy server says 503, and that it is to be asked again
+            try:
+                with urllib.request.urlopen(request, timeout=HANGING_S) as answer:
+                    return json.load(answer)
+            except urllib.error.HTTPError as error:
+                if error.code != 503:
+                    raise
+                time.sleep(1)
 
     def start(self, deployment, **parameters):
         """Fill in a form; returns the run when it has ended."""
@@ -167,10 +174,7 @@ def test_forms_name_only_what_lies_in_the_roots_and_bad_values_start_no_run(serv
         with pytest.raises(urllib.error.HTTPError, match="409"):
             serve.start(deployment, **parameters)
     run = serve.start("search", query="okuri48:0-40", part="feet")
-    assert (
-        run["state"]["message"] == "10 matches in 3 takes"
-        or "matches in 3" in run["state"]["message"]
-    )
+    assert run["state"]["message"].endswith("matches in 3 takes")
     pool = serve.ask("work_pools/shosa")
     assert pool["base_job_template"]["variables"]["properties"] == {}  # nor the command
     assert pool["concurrency_limit"] is None

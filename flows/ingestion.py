@@ -9,7 +9,6 @@ from typing import Any
 
 from prefect import flow, task
 from prefect.cache_policies import NO_CACHE
-from prefect.runtime import deployment
 from prefect.states import Completed, Failed, State
 from prefect.task_runners import ThreadPoolTaskRunner
 
@@ -19,7 +18,6 @@ from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConflictError, InputError, PlaceError
-from storage.places import can_pass
 from storage.recordings import (
     Recording,
     Refusal,
@@ -60,10 +58,6 @@ class Outcome:
 
 _SAID = 5
 """How many recordings a sentence names that were not taken in. Chosen: a paragraph on a page."""
-_RETRIES_S = [10, 60, 300]
-"""How long a scheduled run waits before it tries a recording again that failed because a store was
-away [s]. Restarts take seconds, network faults minutes; after that a person is needed."""
-
 _TOLD: ContextVar[list[Outcome]] = ContextVar("_TOLD")
 """Where outcomes go as they come, so that they are known though the Prefect server goes away."""
 
@@ -158,9 +152,8 @@ def ingest_archive(
         (each, _unchanged(opened, each, importing, settings, again=again))
         for each in plan.recordings
     ]
-    retried = ingest_take.with_options(retries=len(_RETRIES_S) if deployment.id else 0)
     runs = [
-        (each, known or retried.submit(opened.location, each, importing, settings, again))
+        (each, known or ingest_take.submit(opened.location, each, importing, settings, again))
         for each, known in started
     ]
     for done, (recording, run) in enumerate(runs, start=1):
@@ -178,8 +171,6 @@ def ingest_archive(
     task_run_name="ingest {recording.take}",
     cache_policy=NO_CACHE,
     persist_result=False,
-    retry_delay_seconds=_RETRIES_S,
-    retry_condition_fn=lambda _task, _run, state: can_pass(state.result(raise_on_failure=False)),
 )
 def ingest_take(
     archive: str,
@@ -200,11 +191,7 @@ def ingest_take(
             record, published = _import(archive, recording, importing, again=again)
     except InputError as error:
         return _ended(Outcome(recording.path, "refused", recording.take, reason=str(error)))
-    except PlaceError as error:
-        if can_pass(error) and deployment.id:
-            raise  # and try again later
-        return _ended(Outcome(recording.path, "failed", recording.take, reason=str(error)))
-    except ArchiveError as error:
+    except (ArchiveError, PlaceError) as error:
         return _ended(Outcome(recording.path, "failed", recording.take, reason=str(error)))
     return _ended(_finished(recording, record, "ingested" if published else "unchanged"))
 

@@ -5,7 +5,6 @@ writers can race on: exactly one of them wins, on a disk (hard link) as on an ob
 (put if absent). Publication rests on nothing else.
 """
 
-import errno
 import os
 import re
 import tempfile
@@ -28,13 +27,6 @@ from storage.files import check_regular as refuse_pipes
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
 _DELETE_AT_ONCE = 1000  # what one request of S3 takes
-_REFUSED = r"os error (1|13|28|30)\b|denied|unauthenticated|permission|forbidden|40[0-4]"
-"""What an object store's client says of a fault that stays [pattern]."""
-_PASSING = (
-    *(errno.EAGAIN, errno.EBUSY, errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.EHOSTDOWN),
-    *(errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH, errno.ECONNRESET, errno.EPIPE),
-)
-"""Faults of network drives that are mostly over in a while [numbers of the system]."""
 _NO_CREDENTIALS = r"169\.254\.169\.254|metadata\.google|credential|instance.metadata"
 """What an object store's client says where it was given no key [pattern]. It then asks the machine
 itself for one, at an address that only rented machines have."""
@@ -281,17 +273,6 @@ def zarr_store(place: Place, folder: str, *, read_only: bool = False) -> Any:
         return ZarrObjectStore(inside, read_only=read_only)
     inside = from_url(place.url(folder), retry_config=_RETRY)
     return ZarrObjectStore(inside, read_only=read_only)
-
-
-def can_pass(error: Exception) -> bool:
-    """Say whether what went wrong may be right in a while: a store that was away, a network."""
-    cause = error.__cause__
-    if not isinstance(error, PlaceError) or cause is None:
-        return False
-    if isinstance(cause, BaseError):
-        # what the store itself refuses, and what no waiting mends
-        return not re.search(_REFUSED, f"{type(cause).__name__} {cause}", re.IGNORECASE)
-    return isinstance(cause, OSError) and cause.errno in _PASSING
 
 
 @contextmanager

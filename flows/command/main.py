@@ -26,6 +26,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
+from flows.command.serving import add_serve_options, run_serve
 from flows.command.terminal import bars, log_to_standard_error
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
@@ -82,6 +83,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_demo(commands)
     _add_ingest(commands)
+    _add_serve(commands)
     _add_looks(commands)
     _add_search(commands)
     _add_export(commands)
@@ -122,6 +124,11 @@ def _add_ingest(commands: Any) -> None:
         commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
     )
     settings.add_argument("--json", action="store_true")
+
+
+def _add_serve(commands: Any) -> None:
+    text = "take in what is dropped into inboxes, and show the runs on a dashboard, until a signal"
+    add_serve_options(_command(commands, "serve", _serve, text))
 
 
 def _add_import_settings(command: argparse.ArgumentParser) -> None:
@@ -237,6 +244,11 @@ def _ingest(options: argparse.Namespace) -> int:
     return BAD_INPUT if "refused" in failed else DONE
 
 
+def _serve(options: argparse.Namespace) -> int:
+    _prepare_prefect()
+    return run_serve(options)
+
+
 def _settings(options: argparse.Namespace) -> int:
     from dataclasses import asdict
 
@@ -338,7 +350,7 @@ def _index(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from flows.command.upkeep import verify_archive
+    from tasks.checks.upkeep import verify_archive
 
     takes, faults, notes = verify_archive(options.archive)
     for fault in faults:

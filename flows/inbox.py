@@ -1,0 +1,313 @@
+"""What is dropped into an inbox becomes takes; what is bad leaves the way; the rest waits."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+from prefect import State, flow, get_client
+from prefect.deployments import run_deployment
+from prefect.exceptions import ObjectNotFound
+from prefect.states import Completed, Failed
+
+from storage import Archive, create_archive
+from storage.errors import ArchiveError, InputError
+from storage.files import NotRegularError
+from storage.formats import MOTION_SUFFIXES
+from storage.inbox.fetching import fetched
+from storage.inbox.listing import Inbox, open_inbox, stamp_of
+from storage.inbox.lock import BusyError, scanning
+from storage.inbox.memory import Seen, look_now, pause_after, write_memory
+from storage.inbox.quarantine import forget_reason, move_to_quarantine
+from storage.provenance import digest_file
+from storage.recordings import digest_capture, take_of_content
+from storage.roots import links_out
+
+logger = logging.getLogger(__name__)
+
+DIGITIZE = "digitize/digitize"
+"""The deployment that a scan starts for a capture, as flow and name."""
+REFUSED = "Refused"
+"""How a failed run is called on the dashboard when the recording is at fault."""
+_FILES_A_RUN = 100
+"""How many motion files are taken in at once. Chosen: half a minute of work."""
+_SHOWN = 3
+"""How many faults a sentence names."""
+
+
+@dataclass
+class Scan:
+    """What a scan found and did."""
+
+    archive: Archive
+    inbox: Inbox
+    roots: Sequence[str]
+    known: dict[str, Seen]
+    counts: Counter[str] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+
+    def remember(self) -> None:
+        """Write down what is known."""
+        write_memory(self.archive.place, self.inbox, self.known)
+
+    def note(self, name: str, status: str, reason: str = "", run: str = "") -> None:
+        """Note what became of a recording, and move it out of the way where it is bad.
+
+        What was changed in the meantime was perhaps read half: it waits until it has settled.
+        """
+        seen = self.known[name]
+        good = status in ("ingested", "unchanged", "started")
+        if not good and (stamp := stamp_of(self.inbox, name)) != seen.stamp:
+            logger.info("%r changed while it was read and waits", name)
+            self.known[name] = Seen(stamp, "waiting", time.time())
+            self.counts["waiting"] += 1
+            return
+        self.counts[status] += 1
+        if status == "started":
+            self.known[name] = replace(seen, state="started", since_s=time.time(), run=run)
+        elif good:
+            self.known[name] = Seen(seen.stamp, "in", time.time())
+            forget_reason(self.inbox, name)
+        elif status == "failed":
+            tries = seen.tries + 1
+            self.known[name] = Seen(seen.stamp, "failed", time.time(), tries)
+            reason = f"{reason} (tried again after {pause_after(tries):.0f} s)"
+        else:
+            self.known[name] = Seen(seen.stamp, "refused", time.time())
+            if moved := move_to_quarantine(self.inbox, name, reason):
+                del self.known[name]  # so that it is new when it is moved back
+                logger.warning("%r was moved to %s", name, moved)
+        if not good:
+            self.faults.append(reason)
+
+
+@flow(name="scan_inbox", flow_run_name="scan {inbox}", persist_result=False)
+def scan_inbox(
+    archive: str,
+    inbox: str,
+    settle_s: float = 60.0,
+    roots: list[str] | None = None,
+    *,
+    captures_apart: bool = False,
+) -> State[Any]:
+    """Take what is new in an inbox and has settled into the archive; nothing is taken in twice.
+
+    Parameters
+    ----------
+    archive
+        A directory or s3://bucket/prefix; made if it is not there.
+    inbox
+        A folder, or s3://bucket/prefix.
+    settle_s
+        How long a recording has to be unchanged before it is read.
+    roots
+        What links in the inbox may lead to; by default only the inbox itself.
+    captures_apart
+        Whether a capture is digitized by a run of its own, which a worker has to take, so that
+        the scan does not wait for it.
+
+    Returns
+    -------
+    State
+        Completed where all is well, also where somebody else scans the inbox at the moment. Failed
+        with a sentence where something was refused or could not be taken in.
+    """
+    try:
+        opened = create_archive(archive)
+        box = open_inbox(inbox, opened.location)
+        with scanning(opened.place, box) as is_held:
+            known, ready = look_now(opened.place, box, settle_s)
+            scan = Scan(opened, box, [box.location, *(roots or ())], known)
+            ready += [name for name in known if _has_ended(scan, name)]
+            _take_in(scan, ready, is_held, captures_apart=captures_apart)
+            scan.remember()
+    except BusyError as error:
+        return Completed(message=str(error))
+    except (InputError, ArchiveError, OSError) as error:
+        logger.error("%s", error)
+        return Failed(message=str(error))
+    return state_of(scan.counts, scan.faults, waiting=_waiting(scan))
+
+
+def state_of(counts: Counter[str], faults: Sequence[str], *, waiting: int = 0) -> State[Any]:
+    """Return how a run ends that met these numbers of recordings, with one sentence."""
+    total = sum(counts.values())
+    for fault in faults:
+        logger.error("%s", fault)
+    if faults:
+        more = f"; and {len(faults) - _SHOWN} more" if len(faults) > _SHOWN else ""
+        said = f"{len(faults)} of {total} recordings were not taken in: "
+        message = (said if total > 1 else "") + "; ".join(faults[:_SHOWN]) + more
+        name = "Failed" if counts["failed"] else REFUSED
+        return Failed(name=name, message=message)
+    words = {
+        "ingested": "taken in",
+        "unchanged": "already in the archive",
+        "started": "being digitized",
+    }
+    said = [f"{counts[status]} {word}" for status, word in words.items() if counts[status]]
+    said += [f"{waiting} waiting until nobody writes to them"] if waiting else []
+    return Completed(message=", ".join(said) or "nothing new")
+
+
+def ingest_here(
+    archive: str, paths: Sequence[Path], settings: dict[str, Any] | None = None, **options: Any
+) -> tuple[dict[str, Any], str]:
+    """Take recordings in; return their outcomes by path, and what went wrong with the run."""
+    from flows.ingestion import ingest_archive  # numba and the stages: not for a look
+
+    run: Any = ingest_archive
+    state = run(archive, [str(p) for p in paths], settings=settings, return_state=True, **options)
+    outcomes = state.result(raise_on_failure=False)
+    if isinstance(outcomes, list):
+        return {outcome.path: outcome for outcome in outcomes}, state.message or ""
+    return {}, str(outcomes or state.message)
+
+
+def _take_in(
+    scan: Scan, names: Sequence[str], is_held: Callable[[], bool], *, captures_apart: bool
+) -> None:
+    """Take recordings in: the motion files of a batch in one run, each capture in its own."""
+    files: list[str] = []
+    for name in names:
+        if scan.inbox.folder is None:
+            is_capture = Path(name).suffix.lower() not in MOTION_SUFFIXES
+        else:
+            is_capture = (scan.inbox.folder / name).is_dir()
+        if fault := _fault_of(scan, name):
+            scan.note(name, *fault)
+        elif not is_capture:
+            files.append(name)
+        elif is_held():
+            _take_capture(scan, name, apart=captures_apart)
+            scan.remember()
+    for first in range(0, len(files), _FILES_A_RUN):
+        if is_held():
+            _take_files(scan, files[first : first + _FILES_A_RUN])
+            scan.remember()
+
+
+def _take_files(scan: Scan, names: Sequence[str]) -> None:
+    """Take motion files in that the archive does not have; one that is bad stops no other."""
+    with ExitStack() as copies:
+        paths: dict[str, Path] = {}
+        for name in names:
+            try:
+                path = copies.enter_context(fetched(scan.inbox, name))
+                if _is_in(scan.archive, digest_file(path)):
+                    scan.note(name, "unchanged")
+                else:
+                    paths[name] = path
+            except (InputError, ArchiveError, OSError) as error:
+                scan.note(name, *_told(name, error))
+        if not paths:
+            return
+        outcomes, fault = ingest_here(scan.archive.location, list(paths.values()))
+        for name, path in paths.items():
+            _note_outcome(scan, name, path, outcomes, fault)
+
+
+def _take_capture(scan: Scan, name: str, *, apart: bool) -> None:
+    """Digitize a capture that the archive does not have, or start the run that does."""
+    try:
+        digest = ""
+        if scan.inbox.folder is not None:
+            digest = digest_capture(scan.inbox.folder / name)
+            if _is_in(scan.archive, digest):
+                return scan.note(name, "unchanged")
+        if apart:
+            return scan.note(name, "started", run=_start(scan, name, digest))
+        with fetched(scan.inbox, name) as path:
+            outcomes, fault = ingest_here(scan.archive.location, [path])
+            return _note_outcome(scan, name, path, outcomes, fault)
+    except (InputError, ArchiveError, OSError) as error:
+        return scan.note(name, *_told(name, error))
+
+
+def _start(scan: Scan, name: str, digest: str) -> str:
+    """Start the digitization of a capture once, however often this is called; return its run."""
+    seen = scan.known[name]
+    run: Any = run_deployment(
+        DIGITIZE,
+        parameters={"capture": scan.inbox.place.url(name)},
+        timeout=0,
+        as_subflow=False,
+        idempotency_key=f"{digest}-{seen.stamp}-{seen.tries}",
+    )
+    logger.info("%r is digitized by the run %s", name, run.name)
+    return str(run.id)
+
+
+def _has_ended(scan: Scan, name: str) -> bool:
+    """Note what became of a run that was started; say whether it is to be started again."""
+    seen = scan.known[name]
+    if seen.state != "started":
+        return False
+    try:
+        with get_client(sync_client=True) as client:
+            state = client.read_flow_run(UUID(seen.run)).state
+    except (ObjectNotFound, ValueError):  # another server, or its database was lost
+        return True
+    if state is None or not state.is_final():
+        return False
+    if state.is_completed():
+        scan.known[name] = Seen(seen.stamp, "in", time.time())
+        forget_reason(scan.inbox, name)
+    elif state.is_cancelled() or state.name == REFUSED:  # by a person; or it cannot be moved
+        scan.known[name] = Seen(seen.stamp, "refused", time.time())
+    else:
+        scan.known[name] = Seen(seen.stamp, "failed", time.time(), seen.tries + 1)
+    return False
+
+
+def _note_outcome(scan: Scan, name: str, path: Path, outcomes: dict[str, Any], fault: str) -> None:
+    """Note what a run made of a recording."""
+    if outcome := outcomes.get(str(path)):
+        scan.note(name, outcome.status, outcome.reason)
+    elif outcomes and path.exists():  # the run passed it over: it is the same as another
+        scan.note(name, "unchanged")
+    else:
+        scan.note(name, "failed", f"{name}: {fault or 'the run said nothing of it'}")
+
+
+def _fault_of(scan: Scan, name: str) -> tuple[str, str] | None:
+    """Return the status and the reason of a recording that is not to be opened."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        shown = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
+        return "refused", f"the name {shown!r} is not UTF-8; rename it"
+    if scan.inbox.folder is None:
+        return None
+    path = scan.inbox.folder / name
+    if out := next(links_out(path, scan.roots), None):
+        return "refused", (
+            f"{name!r} is, or holds, a link that leads out of the inbox ({out.name}); put the file "
+            "in place of the link, or start `shosa serve` with --root"
+        )
+    return None
+
+
+def _told(name: str, error: Exception) -> tuple[str, str]:
+    """Return the status and the reason of a recording that cannot be read."""
+    if isinstance(error, NotRegularError):
+        return "refused", f"{name!r} is no regular file, but {error.kind}; put a file in its place"
+    if isinstance(error, UnicodeEncodeError):
+        return "refused", f"{name!r} holds a name that is not UTF-8; rename it"
+    said = error.strerror if isinstance(error, OSError) and error.strerror else error
+    advice = "; let the user that runs shosa read it" if isinstance(error, PermissionError) else ""
+    return "failed", f"{name!r} cannot be read: {said}{advice}"
+
+
+def _is_in(archive: Archive, digest: str) -> bool:
+    """Say whether a take of the archive was made from this content."""
+    return take_of_content(archive, digest) is not None
+
+
+def _waiting(scan: Scan) -> int:
+    return sum(seen.state == "waiting" for seen in scan.known.values())

@@ -1,0 +1,399 @@
+"""Keep an archive served: a Prefect server, a worker, and what starts them again when they die.
+
+The supervisor has no logic of its own and imports no Prefect: it starts the server (where none
+answers yet), has `flows.deploying` say what can be run, starts a worker, and watches them. What
+the server remembers is in a folder of its own; what matters is in the archive.
+"""
+
+import ctypes
+import hashlib
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+logger = logging.getLogger(__name__)
+
+POOL = "shosa"
+"""The work pool that a worker of every machine takes runs from."""
+VARIABLE = "SHOSA_SERVED"
+"""The variable by which the worker's processes know what is served; no form can change it."""
+
+_START_S = 180.0  # a server on a busy machine; 15 s is usual
+_STOP_S = 30.0  # what a worker gets to end its runs, then they are killed
+_LOOK_S = 1.0  # between two looks at the children
+_HEALTH_S = 10.0  # between two questions to the server
+_STEADY_S = 300.0  # a child that ran for so long may fail anew
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is started again
+_HEARTBEAT_S = 30  # the least that Prefect allows
+_LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
+
+
+@dataclass(frozen=True)
+class Served:
+    """What `shosa serve` was told to serve, as every process that it starts knows it."""
+
+    archive: str
+    inboxes: list[str] = field(default_factory=list)
+    roots: list[str] = field(default_factory=list)
+    """What forms may name and links may lead to, the inboxes among them."""
+    settle_s: float = 60.0
+    every_s: float | None = 60.0
+    cron: str | None = None
+    limit: int = 2
+    """Runs at once on this machine."""
+
+
+class ServingError(OSError):
+    """The server, or what it needs, cannot be started; the message says what to do."""
+
+
+def write_served(served: Served) -> str:
+    """Return what is served, for the variable `VARIABLE`."""
+    return json.dumps(asdict(served))
+
+
+def read_served(environment: Mapping[str, str] | None = None) -> Served:
+    """Return what is served by the worker that started this process.
+
+    Raises
+    ------
+    ServingError
+        If no `shosa serve` did.
+    """
+    text = (os.environ if environment is None else environment).get(VARIABLE)
+    if text is None:
+        raise ServingError("this is run by the workers that `shosa serve` starts, and nothing else")
+    return Served(**json.loads(text))
+
+
+def serve(served: Served, *, host: str, port: int, join: str | None = None) -> None:
+    """Serve an archive until a signal comes.
+
+    Parameters
+    ----------
+    served
+        The archive, its inboxes and how they are scanned.
+    host, port
+        Where the server listens, if one has to be started.
+    join
+        The API of a server that another machine runs: then this machine only works.
+
+    Raises
+    ------
+    ServingError
+        If the port is taken, the server to be joined does not answer, or something does not
+        start.
+    """
+    url = join or os.environ.get("PREFECT_API_URL") or ""
+    own = not (url and is_healthy(url))
+    if own and join:
+        raise ServingError(
+            f"no Prefect server answers at {join}; check that `shosa serve` runs there, listens on "
+            "more than loopback (--host), and that the URL ends in /api"
+        )
+    if own:
+        if url:
+            logger.warning("no Prefect server answers at %s; one is started here", url)
+        _check_free(host, port)
+        url = f"http://{_to_call(host)}:{port}/api"
+    environment = {**os.environ, **_environment(served, url, host, port, own=own)}
+    _Supervisor(environment, url, host, port, served.limit, own=own, joins=bool(join)).run()
+
+
+def is_healthy(url: str) -> bool:
+    """Say whether a Prefect server answers at the URL of an API."""
+    try:
+        with urllib.request.urlopen(f"{url.rstrip('/')}/health", timeout=5) as answer:
+            return answer.status == 200 and json.loads(answer.read()) is True
+    except (OSError, ValueError):
+        return False
+
+
+class _Supervisor:
+    """Two children, and what keeps them alive."""
+
+    def __init__(
+        self,
+        environment: dict[str, str],
+        url: str,
+        host: str,
+        port: int,
+        limit: int,
+        *,
+        own: bool,
+        joins: bool,
+    ) -> None:
+        self.environment, self.url, self.joins = environment, url, joins
+        self.stopping = False
+        prefect = [sys.executable, "-m", "prefect"]
+        self.server = (
+            _Child("server", [*prefect, "server", "start", "--host", host, "--port", str(port)])
+            if own
+            else None
+        )
+        name = f"{socket.gethostname()}-{os.getpid()}"
+        worker = [*prefect, "worker", "start", "--pool", POOL, "--type", "process"]
+        self.worker = _Child("worker", [*worker, "--limit", str(limit), "--name", name])
+
+    def run(self) -> None:
+        before = {each: signal.signal(each, self._stop) for each in _SIGNALS}
+        try:
+            self._start_server()
+            self._tell("join" if self.joins else "deploy")
+            if not self.stopping:
+                logger.info("serving: %s", self.url.removesuffix("/api"))
+            self._watch()
+        finally:
+            self.worker.stop()  # while the server is there to hear of it
+            _end_left_runs(self.environment)
+            if self.server:
+                self.server.stop()
+            for each, handler in before.items():
+                signal.signal(each, handler)
+
+    def _stop(self, *_: Any) -> None:
+        self.stopping = True
+
+    def _start_server(self) -> None:
+        """Start the server, and wait until it answers."""
+        if self.server is None:
+            return
+        self.server.start(self.environment)
+        until = time.monotonic() + _START_S
+        while not self.stopping and not is_healthy(self.url):
+            if self.server.is_dead():
+                raise ServingError(f"the Prefect server does not start: {self.server.last_words()}")
+            if time.monotonic() > until:
+                raise ServingError(f"the Prefect server does not answer within {_START_S:.0f} s")
+            time.sleep(_LOOK_S / 4)
+
+    def _tell(self, action: str) -> None:
+        """Have the server told what can be run ("deploy"), or only which runs died ("join")."""
+        if self.stopping:
+            return
+        child = _Child("deployments", [sys.executable, "-m", "flows.deploying", action])
+        child.start(self.environment)
+        while not child.is_dead():
+            if self.stopping:
+                child.stop()
+                return
+            time.sleep(_LOOK_S / 4)
+        if child.code():
+            raise ServingError(f"the server cannot be told what can be run: {child.last_words()}")
+
+    def _tell_dead(self) -> None:
+        """Have the server told which runs died with the worker, if it can be told."""
+        try:
+            self._tell("join")
+        except ServingError as error:
+            logger.warning("%s", error)
+
+    def _watch(self) -> None:
+        """Start what died again, and the worker when the server had been away."""
+        asked, away = time.monotonic(), False
+        while not self.stopping:
+            if self.server:
+                self.server.keep(self.environment)
+            if self.worker.keep(self.environment) and is_healthy(self.url):
+                self._tell_dead()
+            if time.monotonic() - asked >= _HEALTH_S:
+                asked = time.monotonic()
+                answers = is_healthy(self.url)
+                if answers and away:
+                    logger.warning("the Prefect server is back; the worker is started again")
+                    self.worker.kill()
+                    self._tell_dead()
+                elif not answers and not away:
+                    logger.warning("the Prefect server at %s does not answer", self.url)
+                away = not answers
+            time.sleep(_LOOK_S)
+
+
+_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+class _Child:
+    """A process that is started again when it dies."""
+
+    def __init__(self, name: str, command: list[str]) -> None:
+        self.name, self.command = name, command
+        self.process: subprocess.Popen[bytes] | None = None
+        self.started = self.due = 0.0
+        self.pause_s = _FIRST_PAUSE_S
+        self.log: Path | None = None
+
+    def start(self, environment: Mapping[str, str]) -> None:
+        # a session of its own: Ctrl-C in a terminal is for the supervisor, which ends the rest
+        self.log = Path(environment["PREFECT_HOME"]) / f"{self.name}.log"
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                self.command,
+                env=dict(environment),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+        self.started = time.monotonic()
+
+    def is_dead(self) -> bool:
+        return self.process is None or self.process.poll() is not None
+
+    def code(self) -> int | None:
+        return self.process.returncode if self.process else None
+
+    def keep(self, environment: Mapping[str, str]) -> bool:
+        """Start it if it is dead; the more often it dies, the later. Say whether it had died."""
+        now = time.monotonic()
+        if not self.is_dead():
+            return False
+        died = self.process is not None
+        if self.process is not None:
+            steady = now - self.started > _STEADY_S
+            self.pause_s = _FIRST_PAUSE_S if steady else self.pause_s
+            logger.warning(
+                "the %s ended (%s); it is started again in %.0f s: %s",
+                *(self.name, self.code(), self.pause_s, self.last_words()),
+            )
+            self.process, self.due = None, now + self.pause_s
+            self.pause_s = min(2 * self.pause_s, _LONGEST_PAUSE_S)
+        if now >= self.due:
+            self.start(environment)
+        return died
+
+    def kill(self) -> None:
+        """End the process, but not what it runs; it is started anew at the next look."""
+        if self.process is not None and not self.is_dead():
+            self.process.kill()
+            self.process.wait()
+        self.process, self.due = None, 0.0
+
+    def stop(self) -> None:
+        """End the process and all that it runs."""
+        if self.process is None:
+            return
+        group = self.process.pid
+        if self.process.poll() is None:
+            self.process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_STOP_S)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(group, signal.SIGKILL)  # what it left behind
+        self.process.wait()
+
+    def last_words(self) -> str:
+        """Return the last line that says something of its log, and where the log is."""
+        if self.log is None:
+            return "it was not started"
+        lines = self.log.read_bytes()[-20_000:].decode(errors="replace").splitlines()
+        said = [line.strip() for line in lines if any(each.isalpha() for each in line)]
+        return f"{said[-1] if said else 'it said nothing'} (all of it is in {self.log})"
+
+
+def _end_left_runs(environment: Mapping[str, str]) -> None:
+    """End the runs that a worker left behind when it was killed (Linux)."""
+    ours = f"{VARIABLE}={environment[VARIABLE]}".encode()
+    home = f"PREFECT_HOME={environment['PREFECT_HOME']}".encode()
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            said = path.read_bytes().split(b"\0")
+            is_run = any(each.startswith(b"PREFECT__FLOW_RUN_ID=") for each in said)
+            if is_run and ours in said and home in said:
+                os.kill(int(path.parent.name), signal.SIGKILL)
+
+
+def _die_with_parent() -> None:
+    """In a child before it begins: end when the supervisor is killed (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1: PR_SET_PDEATHSIG
+
+
+def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -> dict[str, str]:
+    """Return the settings of the children; what the user has set stays."""
+    settings = {
+        "PREFECT_HOME": str(_home(served.archive)),
+        "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+        "DO_NOT_TRACK": "1",
+        "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+        # without these, a run that died holds the deployment's slot for ever
+        "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
+            "prefect.server.concurrency.lease_storage.filesystem"
+        ),
+        "PREFECT_SERVER_CONCURRENCY_INITIAL_DEPLOYMENT_LEASE_DURATION": str(_LEASE_S),
+        # SQLite lets one write at a time; who waits for 10 s is refused otherwise
+        "PREFECT_SERVER_DATABASE_TIMEOUT": "60",
+        "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(_HEARTBEAT_S),
+        "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",  # reading a pickle runs what is in it
+        "PREFECT_LOGGING_EXTRA_LOGGERS": "flows,tasks,storage",
+        "PREFECT_CLI_PROMPT": "false",
+    }
+    if own:
+        page = f"http://{_to_call(host)}:{port}"
+        settings |= {
+            # another page in the same browser may not ask for runs
+            "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"{page},http://localhost:{port}",
+            "PREFECT_SERVER_UI_API_URL": f"{page}/api",
+        }
+    kept = {name: value for name, value in settings.items() if name not in os.environ}
+    path = [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
+    return {
+        **kept,
+        VARIABLE: write_served(served),
+        "PREFECT_API_URL": url,
+        "PYTHONPATH": os.pathsep.join(filter(None, path)),
+    }
+
+
+def _home(archive: str) -> Path:
+    """Return the folder in which the server of an archive keeps what it remembers, made."""
+    given = os.environ.get("PREFECT_HOME")
+    states = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
+    key = hashlib.sha256(archive.encode()).hexdigest()[:12]
+    home = Path(given or f"{states}/shosa/{key}").expanduser().absolute()
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        (home / ".written").write_bytes(b"")
+        (home / ".written").unlink()
+    except OSError as error:
+        raise ServingError(
+            f"the folder {home}, in which the Prefect server keeps its runs, cannot be written "
+            f"({error.strerror}); set PREFECT_HOME to one that can"
+        ) from error
+    return home
+
+
+def _check_free(host: str, port: int) -> None:
+    """Refuse a port that somebody listens on."""
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind((host, port))
+    except OSError as error:
+        there = is_healthy(f"http://{_to_call(host)}:{port}/api")
+        advice = (
+            f"a Prefect server answers there: if it is to be used, set PREFECT_API_URL="
+            f"http://{_to_call(host)}:{port}/api; otherwise give another --port"
+            if there
+            else "give another --port or --host"
+        )
+        raise ServingError(f"cannot listen on {host}:{port} ({error.strerror}); {advice}") from None
+
+
+def _to_call(host: str) -> str:
+    """Return the address by which this machine calls a server that listens on `host`."""
+    if host in ("0.0.0.0", "::"):
+        return "127.0.0.1"
+    return f"[{host}]" if ":" in host else host

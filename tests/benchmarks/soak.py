@@ -1,0 +1,186 @@
+"""Drop recordings into a served inbox, kill what works on them at random, and see all come through.
+
+    python -m tests.benchmarks.soak [--takes 200] [--captures 3] [--kills 100] [--every 10]
+
+At the end nothing is missing, doubled or left over, and `verify` finds no fault.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+
+from storage import open_archive
+from storage.formats.motion.trc import write_trc
+from storage.publication import collect_garbage
+from storage.schema import JOINTS
+from tasks.checks.upkeep import verify_archive
+from tasks.studio.dancing.choreography import okuri48
+from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.performances import TK, generate_performance
+from tests.conftest import swaying_body
+
+ROOT = Path(__file__).parent.parent.parent
+HANGING_S = 3600.0
+"""After so long without a new take it hangs [s]. Chosen: far above the longest pause."""
+SETTLE_S = 2.0
+KINDS = ("prefect.engine", "worker start", "server start")
+
+
+def main() -> None:
+    """Serve, drop, kill, wait, verify; print what was seen, and fail where something is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--takes", type=int, default=200)
+    parser.add_argument("--captures", type=int, default=3)
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--every", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        faults = soak(Path(folder), options)
+    for fault in faults:
+        say(f"BAD  {fault}")
+    sys.exit(bool(faults))
+
+
+def soak(folder: Path, options: argparse.Namespace) -> list[str]:
+    """Do all of it in a folder; return what is wrong at the end."""
+    inbox, archive = folder / "inbox", folder / "archive"
+    inbox.mkdir()
+    draw = random.Random(options.seed)
+    wanted = [f"walk{n:04}" for n in range(options.takes)]
+    wanted += [f"capture{n}" for n in range(options.captures)]
+    serve = start(folder, options.every)
+    begin, kills = time.perf_counter(), Counter[str]()
+    try:
+        waiting = drops(folder, options)
+        last, seen = time.monotonic(), 0
+        pause_s = 0.0
+        while True:
+            for _ in range(max(1, options.takes // 20)):
+                next(waiting, None)
+            if sum(kills.values()) < options.kills and time.monotonic() - last > pause_s:
+                kills.update(kill_one(folder, draw))
+                last, pause_s = time.monotonic(), draw.uniform(2, 20)
+            there = open_archive(archive).takes() if (archive / "archive.json").exists() else []
+            if len(there) != seen:
+                seen = len(there)
+                since = time.monotonic()
+            if set(wanted) <= set(there) and sum(kills.values()) >= options.kills:
+                break
+            if seen and time.monotonic() - since > HANGING_S:
+                break
+            time.sleep(1)
+        said = ", ".join(f"{count} x {kind}" for kind, count in kills.items())
+        say(f"{seen} takes in {time.perf_counter() - begin:.0f} s; killed: {said}")
+    finally:
+        serve.terminate()
+        serve.wait()
+    faults = list(examine(archive, wanted))
+    if left := ours(folder):
+        faults.append(f"processes are left over: {left}")
+    if (inbox / "quarantine").exists():
+        faults.append(f"in quarantine is {os.listdir(inbox / 'quarantine')}")
+    return faults
+
+
+def start(folder: Path, every_s: float) -> subprocess.Popen[bytes]:
+    """Serve the archive of a folder."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
+    environment |= {"PREFECT_HOME": str(folder / "home"), "PYTHONPATH": str(ROOT)}
+    command = [
+        *(sys.executable, "-m", "flows.command.main", "serve", str(folder / "archive")),
+        *("--inbox", str(folder / "inbox"), "--port", str(port)),
+        *("--every", str(every_s), "--settle", str(SETTLE_S)),
+    ]
+    return subprocess.Popen(command, env=environment)
+
+
+def drops(folder: Path, options: argparse.Namespace) -> Iterator[None]:
+    """Drop a recording a step, as people do: a file grows where it lies, a folder is copied in."""
+    inbox = folder / "inbox"
+    for number in range(options.captures):
+        write_capture(folder / "films" / f"capture{number}", number)
+        shutil.copytree(folder / "films" / f"capture{number}", inbox / f"capture{number}")
+        yield
+    for number in range(options.takes):
+        write_trc(inbox / f"walk{number:04}.trc", swaying_body(number, 90), JOINTS, 30.0)
+        yield
+
+
+def write_capture(folder: Path, seed: int) -> None:
+    """Film a short dance with a few small cameras."""
+    folder.parent.mkdir(exist_ok=True)
+    track = generate_performance([okuri48()], TK, rate_hz=10.0).position[seed : seed + 60]
+    ring = RingSettings(cameras=5, size=(80, 60), radius_m=3.5)
+    cameras = generate_cameras(ring, center_m=(0.0, 0.9, 0.0), seed=seed)
+    film_capture(folder, track, 10.0, cameras=cameras, settings=FilmSettings(voxel_m=0.05))
+
+
+def kill_one(folder: Path, draw: random.Random) -> list[str]:
+    """Kill a process at random, of a kind at random; return its kind."""
+    kind = draw.choice(KINDS)
+    processes = [process for process, said in ours(folder).items() if kind in said]
+    if not processes:
+        return []
+    os.kill(draw.choice(processes), signal.SIGKILL)
+    return [kind]
+
+
+def ours(folder: Path) -> dict[int, str]:
+    """Return the processes that the supervisor of a folder started, and what they run."""
+    home = f"PREFECT_HOME={folder / 'home'}".encode()
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            is_ours = home in (path / "environ").read_bytes().split(b"\0")
+            said = (path / "cmdline").read_bytes().decode().replace("\0", " ")
+        except OSError:
+            continue
+        if is_ours and any(kind in said for kind in KINDS):
+            found[int(path.name)] = said
+    return found
+
+
+def examine(location: Path, wanted: list[str]) -> Iterator[str]:
+    """Yield what is missing, doubled, left over or damaged, a sentence each."""
+    archive = open_archive(location)
+    records = {record.take: record for record in archive.records()}
+    for name in wanted:
+        if name not in records:
+            yield f"{name} is missing"
+        elif records[name].number != 1:
+            yield f"{name} was published {records[name].number} times"
+    for name in records.keys() - set(wanted):
+        yield f"{name} was never dropped"
+    _, faults, _ = verify_archive(str(location))
+    yield from faults
+    garbage = collect_garbage(archive.place, older_than=timedelta(0))
+    say(f"killed runs left {len(garbage)} files, which `gc` removed")
+    for folder in ("takes", "index"):
+        held = {path.name for path in (location / folder).iterdir()}
+        if strange := held - set(wanted):
+            yield f"{folder} still holds {sorted(strange)[:3]}"
+
+
+def say(text: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

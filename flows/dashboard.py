@@ -231,10 +231,10 @@ def show_matches(archive: str, query: str, answer: Answer) -> None:
 
 
 def show_day(
-    archive: str, *, inbox: str | None, hours: float, failed: Sequence[tuple[str, str]]
+    archive: str, *, inboxes: Sequence[str], hours: float, failed: Sequence[tuple[str, str]]
 ) -> str:
     """Show the page of `summarize_day`, whose arguments these are; return it."""
-    page = summarize_day(archive, inbox=inbox, hours=hours, failed=failed)
+    page = summarize_day(archive, inboxes=inboxes, hours=hours, failed=failed)
     shown(
         create_markdown_artifact,
         key=artifact_key("day", archive),

@@ -44,6 +44,7 @@ _DIED = (
 )
 AUTOMATION = "shosa: runs whose machine died are crashed"
 _SILENT_S = 90  # three heartbeats
+_MORNING = "0 6 * * *"  # when the day before is summed up, UTC
 _PENDING_S = 120.0  # a run that a worker took begins within seconds
 
 _TEMPLATE: dict[str, Any] = {
@@ -227,6 +228,7 @@ def _deployments(served: Served) -> list[Any]:
         (forms.search, "search", {}),
         (forms.verify, "verify", {}),
         (forms.gc, "gc", {}),
+        (forms.summarize, "summary", {"cron": _MORNING}),
     ]
     return [
         each.to_deployment(

@@ -241,6 +241,22 @@ def gc(older_than_hours: Annotated[float, Field(ge=1, le=24 * 366)] = 24.0) -> S
     return Completed(message=f"removed {len(removed)} files, {size_mb:.1f} MB")
 
 
+@flow(name="summarize", flow_run_name="what the day brought", persist_result=False)
+def summarize(hours: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0) -> State[Any]:
+    """Show what was taken in, what was refused and why, and how large the archive is.
+
+    Runs by itself each morning. The page is an artifact of the run.
+
+    Args:
+        hours: How far back to look.
+    """
+    from flows.summarizing import summarize_archive
+
+    served = _begin()
+    summarize_archive.fn(served.archive, served.inboxes, hours)
+    return Completed(message=f"the last {hours:g} hours are among the artifacts")
+
+
 def _begin() -> Served:
     """Return what is served, and let our modules speak in the log of the run."""
     for name in ("flows", "tasks", "storage"):

@@ -1,6 +1,7 @@
 """The page of a day, for a schedule: what came in, what was refused, how large the archive is."""
 
 import logging
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 from prefect import flow
@@ -22,16 +23,16 @@ _MOST_RUNS = 100
 
 
 @flow(name="summarize_archive", flow_run_name="the day of {archive}")
-def summarize_archive(archive: str, inbox: str | None = None, hours: float = 24.0) -> str:
+def summarize_archive(archive: str, inboxes: Sequence[str] = (), hours: float = 24.0) -> str:
     """Show what happened to an archive in the last hours, and how large it is.
 
     Args:
         archive: A directory or s3://bucket/prefix.
-        inbox: The folder whose quarantine is looked at.
+        inboxes: The folders whose quarantine is looked at.
         hours: How long the day is.
     """
     failed = shown(failed_runs, since=datetime.now(UTC) - timedelta(hours=hours)) or []
-    return show_day(archive, inbox=inbox, hours=hours, failed=failed)
+    return show_day(archive, inboxes=inboxes, hours=hours, failed=failed)
 
 
 def failed_runs(since: datetime) -> list[tuple[str, str]]:

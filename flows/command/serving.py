@@ -145,7 +145,9 @@ def _scan_once(served: Served) -> int:
             printing.say(f"{box.location}: nothing new")
             continue
         from flows.inbox import scan_inbox
+        from flows.server import check_server
 
+        check_server()
         state = scan_inbox(
             served.archive, box.location, served.settle_s, served.roots, return_state=True
         )

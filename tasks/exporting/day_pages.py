@@ -38,7 +38,7 @@ class Refused:
 def summarize_day(
     archive: str,
     *,
-    inbox: str | None = None,
+    inboxes: Sequence[str] = (),
     hours: float = 24.0,
     failed: Sequence[tuple[str, str]] = (),
     at: datetime | None = None,
@@ -49,8 +49,8 @@ def summarize_day(
     ----------
     archive
         A directory or s3://bucket/prefix.
-    inbox
-        The folder whose quarantine is looked at.
+    inboxes
+        The folders whose quarantine is looked at.
     hours
         How long the day is.
     failed
@@ -69,7 +69,8 @@ def summarize_day(
     since = end - timedelta(hours=hours)
     new = [each for each in records if since < _time(each.published) <= end]
     new.sort(key=lambda record: record.published, reverse=True)
-    refused = sorted(read_quarantine(inbox), key=lambda each: each.since, reverse=True)
+    found = [each for inbox in inboxes for each in read_quarantine(inbox)]
+    refused = sorted(found, key=lambda each: each.since, reverse=True)
     fresh = sum(since < each.since for each in refused)
     counts = [
         f"{len(failed)} failed" if failed else "",
@@ -102,12 +103,12 @@ def day_line(archive: str, page: str) -> str:
     return f"{_last_name(archive)}: {counts[0].lower()}{counts[1:]}"
 
 
-def read_quarantine(inbox: str | None) -> list[Refused]:
+def read_quarantine(inbox: str) -> list[Refused]:
     """Return what is in the quarantine of an inbox, as far as it can be read.
 
     Links are not followed: who may write to an inbox shall not have other files read.
     """
-    if inbox is None or "://" in inbox:
+    if "://" in inbox:
         return []
     folder = Path(inbox) / QUARANTINE
     try:

@@ -42,7 +42,7 @@ def inbox(tmp_path):
 
 def test_the_day_is_counted_and_the_rest_is_not(archive, inbox):
     failed = [("digitize kimono", "the disk is full")]
-    page = summarize_day(archive.location, inbox=str(inbox), failed=failed, at=AT)
+    page = summarize_day(archive.location, inboxes=[str(inbox)], failed=failed, at=AT)
     assert "**In the last 24 hours: 1 failed, 1 refused, 2 taken in.** (18:00 UTC)" in page
     heads = ("## Failed", "## Refused", "## Taken in", "## The archive")
     assert [page.index(head) for head in heads] == sorted(page.index(head) for head in heads)
@@ -59,7 +59,7 @@ def test_the_day_is_counted_and_the_rest_is_not(archive, inbox):
 
 
 def test_what_was_written_elsewhere_is_letters(archive, inbox):
-    page = summarize_day(archive.location, inbox=str(inbox), at=AT)
+    page = summarize_day(archive.location, inboxes=[str(inbox)], at=AT)
     assert "<b>" not in page
     assert "<i>" not in page
     assert "&lt;b&gt;x\\|y" in page
@@ -67,7 +67,7 @@ def test_what_was_written_elsewhere_is_letters(archive, inbox):
 
 def test_a_quiet_day_says_so(archive):
     later = AT + timedelta(days=30)
-    page = summarize_day(archive.location, inbox="/nowhere", at=later)
+    page = summarize_day(archive.location, inboxes=["/nowhere"], at=later)
     assert "nothing taken in.**" in page
     assert "## Refused" not in page
 
@@ -99,7 +99,7 @@ def test_links_in_a_quarantine_are_not_followed(inbox, tmp_path):
     assert read_quarantine(str(tmp_path / "other")) == []
 
 
-@pytest.mark.parametrize("inbox", [None, "/nowhere", "s3://bucket/inbox"])
+@pytest.mark.parametrize("inbox", ["/nowhere", "s3://bucket/inbox"])
 def test_an_inbox_that_cannot_be_looked_into_refuses_nothing(inbox):
     assert read_quarantine(inbox) == []
 
@@ -107,7 +107,7 @@ def test_an_inbox_that_cannot_be_looked_into_refuses_nothing(inbox):
 def test_a_long_reason_is_cut(archive, inbox):
     reason = inbox / "quarantine" / "broken.bvh" / "REASON.txt"
     reason.write_text("word " * 10_000)
-    page = summarize_day(archive.location, inbox=str(inbox), at=datetime.now(UTC))
+    page = summarize_day(archive.location, inboxes=[str(inbox)], at=datetime.now(UTC))
     assert len(page) < 3000
     assert " ..." in page
 

@@ -11,6 +11,7 @@ from prefect import flow
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
 from flows.progress import ASSEMBLING
+from flows.runners import spread_blocks
 from storage import open_archive
 from storage.blocks import discard_blocks
 from storage.formats.capture.capture import capture_of
@@ -69,7 +70,9 @@ def digitize_take(
     _say_why_again(read_record(opened.place, recording.take), recording)
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, capture.frames)
-    blocks, found = chain.digitize(archive, recording, chosen, run=run_once, tell=tell)
+    blocks, found = chain.digitize(
+        archive, recording, chosen, run=run_once, tell=tell, run_blocks=spread_blocks()
+    )
     tell(ASSEMBLING, 0)
     draft = assemble_take(
         archive,

@@ -115,6 +115,12 @@ def _add_ingest(commands: Any) -> None:
         metavar="FILE.toml",
         help="how captures are digitized, before their own digitize.toml; see `shosa settings`",
     )
+    ingest.add_argument(
+        "--runner",
+        default="threads",
+        metavar="NAME",
+        help="what computes: threads (default), dask, or dask://HOST:PORT of a scheduler",
+    )
     settings = _command(
         commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
     )
@@ -222,9 +228,15 @@ def _ingest(options: argparse.Namespace) -> int:
     create_archive(options.archive)
     _hush_prefect()
     from flows.ingestion import ingest_archive
+    from flows.runners import task_runner
 
+    try:
+        runner = task_runner(options.runner)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    ingest = ingest_archive.with_options(task_runner=runner)
     with bars(quiet=options.quiet):
-        outcomes = ingest_archive(options.archive, options.paths, importing, settings)
+        outcomes = ingest(options.archive, options.paths, importing, settings)
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}
     if "failed" in failed:

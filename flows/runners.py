@@ -53,7 +53,7 @@ def task_runner(name: str) -> TaskRunner[Any]:
             "scheduler that runs"
         )
     try:
-        from prefect_dask import DaskTaskRunner
+        from prefect_dask.task_runners import DaskTaskRunner
     except ImportError as error:
         raise ValueError(
             f"the runner {name!r} needs Dask; install shosa with its extra: pip install "

@@ -234,7 +234,7 @@ def _ingest(options: argparse.Namespace) -> int:
         runner = task_runner(options.runner)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    ingest = ingest_archive.with_options(task_runner=runner)
+    ingest = ingest_archive.with_options(task_runner=runner)  # type: ignore[attr-defined]
     with bars(quiet=options.quiet):
         outcomes = ingest(options.archive, options.paths, importing, settings)
     printing.print_outcomes(outcomes, as_json=options.json)

@@ -38,10 +38,8 @@ def test_a_runner_that_is_none_is_wrong_use(name):
 
 
 def test_a_missing_library_is_said_with_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "prefect_dask", None)
-    with pytest.raises(
-        ValueError, match=r"needs Dask; .* with its extra: .*shosa\[dask"
-    ):
+    monkeypatch.setitem(sys.modules, "prefect_dask.task_runners", None)
+    with pytest.raises(ValueError, match=r"needs Dask; .* with its extra: .*shosa\[dask"):
         task_runner("dask")
 
 

@@ -7,6 +7,7 @@ method makes them inside the fit; what the stage stores are the same.)
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from storage.blocks import Block, Written, block_path
 from storage.errors import InputError
@@ -29,6 +30,10 @@ from tasks.takes.assembling import Blocks
 Run = Callable[..., Written]
 """Calls a stage's store function, the first argument, with the keywords that follow."""
 
+RunBlocks = Callable[[Callable[..., Written], Sequence[dict[str, Any]]], Iterator[Written]]
+"""Calls a stage's store function with each of some sets of keywords, and gives back what it returns
+in their order."""
+
 Tell = Callable[[str, float], None]
 """Is told a stage and the frame that it has come to: at its beginning, in it, and at its end.
 
@@ -37,8 +42,9 @@ A stage that goes through the take several times tells which share of its work i
 
 
 def digitize(
-    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell
-) -> tuple[Blocks, list[str]]:
+    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell,
+    run_blocks: RunBlocks | None = None,
+) -> tuple[Blocks, list[str]]:  # fmt: skip
     """Run every stage on a capture; return what they wrote, and what was noted.
 
     A take without an initial model keeps its colored voxels, and a note says why.
@@ -53,13 +59,18 @@ def digitize(
         Of every stage; each is given those that it reads.
     run, tell
         How a stage is run, and what hears of progress.
+    run_blocks
+        How a stage before the poses is run on many blocks at once; by default `run` runs one after
+        another.
 
     Raises
     ------
     InputError
         If the capture cannot be digitized, or its `initial.json` cannot be used.
     """
-    blocks, notes = make_voxels(archive, recording, settings, run=run, tell=tell)
+    blocks, notes = make_voxels(
+        archive, recording, settings, run=run, tell=tell, run_blocks=run_blocks
+    )
     try:
         blocks |= make_poses(archive, recording, blocks, settings, run=run, tell=tell)
     except InputError as error:
@@ -70,35 +81,43 @@ def digitize(
 
 
 def make_voxels(
-    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell
-) -> tuple[Blocks, list[str]]:
+    archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell,
+    run_blocks: RunBlocks | None = None,
+) -> tuple[Blocks, list[str]]:  # fmt: skip
     """Run the stages from the films to colored voxels; as `digitize`."""
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
-    films, hulls, colors = [], [], []
-    for start, end in block_ranges(capture_of(recording.path, recording.digest)):
-        with _told(tell, "silhouettes", start, end):
-            films.append(
-                run(
-                    extract_block, **shared, into=_into(recording, "silhouettes", start),
-                    start=start, end=end, settings=settings.silhouettes,
-                )
-            )  # fmt: skip
+    ranges = block_ranges(capture_of(recording.path, recording.digest))
+
+    def run_all(
+        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]]
+    ) -> list[Written]:
+        calls = [
+            {**shared, "into": _into(recording, stage, start), **each}
+            for (start, _), each in zip(ranges, own, strict=True)
+        ]
+        runs = run_blocks(function, calls) if run_blocks else (run(function, **c) for c in calls)
+        written = []
+        for start, end in ranges:
+            with _told(tell, stage, start, end):
+                written.append(next(runs))
+        return written
+
+    films = run_all(
+        extract_block, "silhouettes",
+        [{"start": a, "end": b, "settings": settings.silhouettes} for a, b in ranges],
+    )  # fmt: skip
     notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement)
-    for film in _blocks(films):
-        with _told(tell, "carving", film.start, film.end):
-            hulls.append(
-                run(
-                    carve_block, **shared, into=_into(recording, "carving", film.start),
-                    silhouettes=film, settings=settings.carving,
-                )
-            )  # fmt: skip
-        with _told(tell, "coloring", film.start, film.end):
-            colors.append(
-                run(
-                    color_block, **shared, into=_into(recording, "coloring", film.start),
-                    silhouettes=film, hulls=hulls[-1].block, settings=settings.coloring,
-                )
-            )  # fmt: skip
+    hulls = run_all(
+        carve_block, "carving",
+        [{"silhouettes": film, "settings": settings.carving} for film in _blocks(films)],
+    )  # fmt: skip
+    colors = run_all(
+        color_block, "coloring",
+        [
+            {"silhouettes": film, "hulls": hull, "settings": settings.coloring}
+            for film, hull in zip(_blocks(films), _blocks(hulls), strict=True)
+        ],
+    )  # fmt: skip
     return {"silhouettes": films, "carving": hulls, "coloring": colors}, notes
 
 

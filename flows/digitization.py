@@ -1,7 +1,7 @@
 """Captures into takes: the chain of stages as a Prefect flow."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from prefect import flow
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
 from flows.progress import ASSEMBLING
+from flows.runners import spread_blocks
 from storage import open_archive
 from storage.blocks import Block, Written, discard_blocks
 from storage.errors import ArchiveError
@@ -102,9 +103,17 @@ def _make_draft(
         made.append(written.block)
         return written
 
+    def run_blocks(*stage_and_calls: Any) -> Iterator[Written]:
+        for written in spread(*stage_and_calls) if spread else ():
+            made.append(written.block)
+            yield written
+
+    spread = spread_blocks()
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, capture.frames)
-    blocks, found = chain.digitize(archive, recording, chosen, run=run, tell=tell)
+    blocks, found = chain.digitize(
+        archive, recording, chosen, run=run, tell=tell, run_blocks=run_blocks if spread else None
+    )
     tell(ASSEMBLING, 0)
     draft = assemble_take(
         archive,

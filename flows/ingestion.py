@@ -10,7 +10,7 @@ from typing import Any
 from prefect import flow, task
 from prefect.cache_policies import NO_CACHE
 from prefect.states import Completed, Failed, State
-from prefect.task_runners import ThreadPoolTaskRunner
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller, show_ingested
 from flows.digitization import choose_settings, digitize_take
@@ -69,19 +69,20 @@ def run_ingestion(
     settings: dict[str, Any] | None = None,
     *,
     again: bool = False,
+    runner: TaskRunner[Any] | None = None,
 ) -> list[Outcome]:
     """Run the flow `ingest_archive`, and return what became of each recording, good or bad.
 
     A Prefect server that goes away in the meantime is said, and harms nothing.
 
-    Parameters and errors are those of the flow.
+    Parameters and errors are those of the flow; `runner` is what its tasks run on, by default
+    threads of this process.
     """
+    run: Any = ingest_archive if runner is None else ingest_archive.with_options(task_runner=runner)
     told: list[Outcome] = []
     token = _TOLD.set(told)
     try:
-        state = ingest_archive(
-            archive, list(paths), importing, settings, again, return_state=True
-        )  # fmt: skip
+        state = run(archive, list(paths), importing, settings, again, return_state=True)
         outcomes = state.result(raise_on_failure=False)
     except Exception as error:
         if not told or not is_server_fault(error):

@@ -120,6 +120,12 @@ def _add_ingest(commands: Any) -> None:
     ingest.add_argument(
         "--again", action="store_true", help="take in anew what the archive has already"
     )
+    ingest.add_argument(
+        "--runner",
+        default="threads",
+        metavar="NAME",
+        help="what computes: threads (default), dask, or dask://HOST:PORT of a scheduler",
+    )
     settings = _command(
         commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
     )
@@ -232,10 +238,17 @@ def _ingest(options: argparse.Namespace) -> int:
     create_archive(options.archive)
     _prepare_prefect()
     from flows.ingestion import run_ingestion
+    from flows.runners import task_runner
 
+    try:
+        runner = task_runner(options.runner)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     with bars(quiet=options.quiet):
         outcomes = run_ingestion(
-            options.archive, options.paths, importing, settings, again=options.again
+            *(options.archive, options.paths, importing, settings),
+            again=options.again,
+            runner=runner,
         )
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}

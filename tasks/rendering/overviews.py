@@ -27,7 +27,7 @@ from tasks.rendering.drawing.canvas import (
 _CELL_PX = 170
 """Width of the picture of a camera on the sheet [px]. Chosen by eye: hands can be made out."""
 _CELLS_A_ROW = 4
-"""Chosen by eye: eight cameras, the usual ring, fill two rows."""
+"""How many pictures stand in a row. Chosen by eye: eight cameras, the usual ring, fill two."""
 _GAP_PX = 8
 """Between the pictures on the sheet [px]. Chosen by eye."""
 _NAME_PX = 20

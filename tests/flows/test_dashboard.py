@@ -285,11 +285,7 @@ def test_a_digitization_is_on_the_dashboard_and_in_its_log(capture, tmp_path):
     with get_client(sync_client=True) as client:
         found = client.read_artifacts(limit=100)
         logs = client.read_logs(limit=200)
-    mine = [
-        each
-        for each in found
-        if "dashed" in f"{each.data} {each.description}" or "posed" in str(each.description)
-    ]
+    mine = [each for each in found if re.search("dashed|posed", f"{each.data}{each.description}")]
     kinds = {each.type: each for each in mine}
     assert set(kinds) == {"progress", "markdown", "table"}
     assert kinds["markdown"].key == "digitized-posed"

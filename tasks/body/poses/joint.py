@@ -60,11 +60,12 @@ for _side in "RL":
         _RIDES_ON[_side + _joint] = _side + _bone
 
 
-_SAMPLED, _FORWARDS, _LOOKED_FOR, _BACKWARDS, _MERGED, _CENTERED, _SETTLED = (
-    *(0.12, 0.29, 0.31, 0.48, 0.52, 0.78, 0.97),
-)
-"""How much of the time of the fit is over after each of its steps [share]. Measured with a take of
-150 frames, for one of 1500: only the centers take as long with any number of frames."""
+_SAMPLED, _FORWARDS, _LOOKED_FOR, _BACKWARDS = 0.12, 0.29, 0.31, 0.48
+"""How much of the time of the fit is over after its first steps [share]. Measured with a take of
+150 frames, for one of 1500."""
+_MERGED, _CENTERED, _SETTLED = 0.52, 0.78, 0.97
+"""How much of it is over after the next steps [share]. As the first; the centers take as long with
+any number of frames."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from tasks.retrieval.searching import PackedTake, SearchSettings, clip_take, sea
 from tasks.takes.publishing import publish_take
 
 COMMANDS = (
-    *("demo", "ingest", "plan", "render", "takes", "show", "path", "search", "index"),
+    *("demo", "ingest", "serve", "plan", "render", "takes", "show", "path", "search", "index"),
     *("export", "verify", "gc", "doctor", "settings"),
 )
 

@@ -36,6 +36,7 @@ _HEALTH_S = 10.0  # between two questions to the server
 _STEADY_S = 300.0  # a child that ran for so long may fail anew
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is started again
 _HEARTBEAT_S = 30  # the least that Prefect allows
+_RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
 
 
@@ -149,8 +150,7 @@ class _Supervisor:
     def run(self) -> None:
         before = {each: signal.signal(each, self._stop) for each in _SIGNALS}
         try:
-            self._start_server()
-            self._tell("join" if self.joins else "deploy")
+            self._start()
             if not self.stopping:
                 logger.info("serving: %s", self.url.removesuffix("/api"))
             self._watch()
@@ -165,17 +165,28 @@ class _Supervisor:
     def _stop(self, *_: Any) -> None:
         self.stopping = True
 
+    def _start(self) -> None:
+        """Start the server, and tell it what can be run; again where it was killed meanwhile."""
+        while not self.stopping:
+            self._start_server()
+            try:
+                self._tell("join" if self.joins else "deploy")
+                return
+            except ServingError:
+                if self.server is None or is_healthy(self.url):
+                    raise
+
     def _start_server(self) -> None:
-        """Start the server, and wait until it answers."""
+        """Start the server where it does not run, and wait until it answers."""
         if self.server is None:
             return
-        self.server.start(self.environment)
         until = time.monotonic() + _START_S
         while not self.stopping and not is_healthy(self.url):
-            if self.server.is_dead():
+            if self.server.is_dead() and (self.server.code() or 0) > 0:  # not killed by a signal
                 raise ServingError(f"the Prefect server does not start: {self.server.last_words()}")
             if time.monotonic() > until:
                 raise ServingError(f"the Prefect server does not answer within {_START_S:.0f} s")
+            self.server.keep(self.environment)
             time.sleep(_LOOK_S / 4)
 
     def _tell(self, action: str) -> None:
@@ -327,6 +338,8 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
         "DO_NOT_TRACK": "1",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+        "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(_RUNS_KEPT_DAYS * 86400),
+        "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{_EVENTS_KEPT_DAYS}D",
         # without these, a run that died holds the deployment's slot for ever
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
@@ -344,7 +357,7 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         settings |= {
             # another page in the same browser may not ask for runs
             "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"{page},http://localhost:{port}",
-            "PREFECT_SERVER_UI_API_URL": f"{page}/api",
+            "PREFECT_SERVER_UI_API_URL": "/api",  # by whatever name the page was reached
         }
     kept = {name: value for name, value in settings.items() if name not in os.environ}
     path = [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")]

@@ -78,7 +78,7 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
                 since = time.monotonic()
             if set(wanted) <= set(there) and sum(kills.values()) >= options.kills:
                 break
-            if seen and time.monotonic() - since > HANGING_S:
+            if serve.poll() is not None or (seen and time.monotonic() - since > HANGING_S):
                 break
             time.sleep(1)
         said = ", ".join(f"{count} x {kind}" for kind, count in kills.items())
@@ -171,7 +171,7 @@ def examine(location: Path, wanted: list[str]) -> Iterator[str]:
     garbage = collect_garbage(archive.place, older_than=timedelta(0))
     say(f"killed runs left {len(garbage)} files, which `gc` removed")
     for folder in ("takes", "index"):
-        held = {path.name for path in (location / folder).iterdir()}
+        held = {path.parent.name for path in (location / folder).glob("*/*")}
         if strange := held - set(wanted):
             yield f"{folder} still holds {sorted(strange)[:3]}"
 

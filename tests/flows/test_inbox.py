@@ -207,3 +207,74 @@ def test_an_inbox_or_archive_that_is_away_fails_the_run_with_a_sentence(
     assert state.type.value == "FAILED"
     assert "Read-only file system; choose a place" in state.message
     assert scan().message == "1 taken in"
+
+
+def put_capture(folder):
+    folder.mkdir()
+    (folder / "capture.toml").write_text("[take]\n")
+
+
+def test_a_capture_is_digitized_by_one_run_of_its_own_that_is_followed(
+    scan, tmp_path, folder, monkeypatch
+):
+    from prefect import get_client
+    from prefect.states import Cancelled, Completed, Crashed, Failed, Running
+
+    from flows import inbox
+
+    started = []
+
+    def start(deployment, *, idempotency_key, parameters, **_):
+        with get_client(sync_client=True) as client:
+            run = client.create_flow_run(inbox.scan_inbox, state=Running())
+        started.append((run.id, idempotency_key, parameters))
+        return run
+
+    def end(state):
+        with get_client(sync_client=True) as client:
+            client.set_flow_run_state(started[-1][0], state, force=True)
+
+    monkeypatch.setattr(inbox, "run_deployment", start)
+    monkeypatch.setattr("storage.inbox.memory.FIRST_PAUSE_S", 0.0)
+    put_capture(folder / "cap")
+    assert scan(captures_apart=True).message == "1 being digitized"
+    assert scan(captures_apart=True).message == "nothing new"  # it is still running
+    end(Crashed())
+    scan(captures_apart=True)
+    assert known(tmp_path, folder) == {"cap": "failed"}
+    scan(captures_apart=True)
+    assert known(tmp_path, folder) == {"cap": "started"}
+    assert len({key for _, key, _ in started}) == len(started) == 2
+    assert {str(parameters) for *_, parameters in started} == {
+        str({"capture": str(folder / "cap")})
+    }
+    for state, so in (
+        (Completed(), "in"),
+        (Failed(name="Refused"), "refused"),
+        (Cancelled(), "refused"),
+    ):
+        (folder / "cap" / "more").write_text(so + state.name)
+        scan(captures_apart=True)
+        assert known(tmp_path, folder) == {"cap": "started"}
+        end(state)
+        scan(captures_apart=True)
+        assert known(tmp_path, folder) == {"cap": so}
+
+
+def test_the_run_that_finds_a_capture_bad_moves_it_away(tmp_path, folder, monkeypatch):
+    from flows.forms import digitize
+    from flows.serving import VARIABLE, Served, write_served
+
+    archive = create_archive(tmp_path / "archive").location
+    served = Served(archive, inboxes=[str(folder)], roots=[str(folder), str(tmp_path / "root")])
+    monkeypatch.setenv(VARIABLE, write_served(served))
+    (tmp_path / "root").mkdir()
+    for above in (folder, tmp_path / "root"):
+        put_capture(above / "cap")
+        state = digitize(str(above / "cap"), return_state=True)
+        assert (state.type.value, state.name) == ("FAILED", "Refused")
+        assert "cannot be used as a capture" in state.message
+    assert (tmp_path / "root" / "cap").exists()  # no inbox of ours
+    held = folder / "quarantine" / "cap"
+    assert sorted(os.listdir(held)) == ["REASON.txt", "cap"]
+    assert "Why: " in (held / "REASON.txt").read_text("utf-8")

@@ -146,7 +146,7 @@ def ingest_archive(
         logger.warning("%s", note)
     total = len(plan.recordings)
     tell_done = count_teller(f"{total} recordings into {archive}", total)
-    outcomes = _TOLD.get([])
+    outcomes = _outcomes_of_run()
     outcomes += [_refused(each) for each in plan.refusals]
     # what the archive has costs no run of a task
     started = [
@@ -268,6 +268,15 @@ def _unchanged(
     ):
         index_take(opened.location, record.take, record.version)
     return _finished(recording, asdict(record), "unchanged")
+
+
+def _outcomes_of_run() -> list[Outcome]:
+    """Return the list that `run_ingestion` looks into, or a new one.
+
+    As a function, because a flow that is sent to Dask takes its module's variables with it, and
+    this one cannot be sent.
+    """
+    return _TOLD.get([])
 
 
 def _ended(outcome: Outcome) -> State[Outcome]:

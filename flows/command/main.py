@@ -26,6 +26,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
+from flows.command.viewing import add_view
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
@@ -84,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_looks(commands)
     _add_search(commands)
     _add_export(commands)
+    add_view(commands, _command)
     _add_upkeep(commands)
     return parser
 

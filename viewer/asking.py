@@ -70,6 +70,11 @@ class Asking:
             "match": str(self.match) if self.searched and self.match != 1 else None,
         }
 
+    def report_address(self) -> str:
+        """Return the parameters of the address of the report of this search."""
+        values = {**self.address(), "file": self.file or None, "match": None}
+        return urlencode({name: value for name, value in values.items() if value is not None})
+
 
 def search_address(take: str, start: int, end: int) -> str:
     """Return the address, on this viewer, of a search with a clip."""
@@ -94,6 +99,7 @@ def read_address(values: Mapping[str, str]) -> tuple[Asking, list[str]]:
         part = "whole"
     asking = Asking(
         take=values.get("take", "")[:200],
+        file=values.get("file", "")[:_SHOWN],
         start=start,
         end=end,
         part=part,

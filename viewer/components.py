@@ -7,26 +7,11 @@ from typing import Any
 import nicegui
 from nicegui import ui
 
-from storage.schema import JOINTS
-from tasks.rendering.drawing.stick_figures import FIGURE_LINES
-from tasks.rendering.views import SEGMENT_COLORS
-from tasks.retrieval.normalization import OTHER_SIDE
-
 _OURS = {"shosa": "static/shosa"}
 _THREE = {
     **_OURS,
     "nicegui-scene": str(Path(nicegui.__file__).parent / "elements" / "scene" / "dist"),
 }
-
-BODY = {
-    "joints": list(JOINTS),
-    "bones": [["Neck", "Head"], *([a, b] for a, b in FIGURE_LINES)],
-    "otherSide": OTHER_SIDE.tolist(),
-}
-"""What the drawing needs to know of a body."""
-
-SEGMENT_RGB = SEGMENT_COLORS.tolist()
-"""RGB of the labels 0 to 11."""
 
 
 class Stage(ui.element, component="static/stage.js", esm=_THREE):
@@ -47,6 +32,10 @@ class Results(ui.element, component="static/results.js", esm=_OURS):
 
 class Chooser(ui.element, component="static/chooser.js", esm=_OURS):
     """A recording chosen from a list that is filtered here."""
+
+
+class Takes(ui.element, component="static/takes.js"):
+    """The recordings of an archive."""
 
 
 def give(element: ui.element, **values: Any) -> None:

@@ -1,7 +1,9 @@
 """The addresses from which a page gets frames: joint tracks and voxels, packed and compressed."""
 
 import gzip
+import logging
 from collections.abc import Callable
+from urllib.parse import quote
 
 import numpy as np
 from fastapi import FastAPI, Request, Response
@@ -11,8 +13,14 @@ from numpy.typing import NDArray
 
 from storage.archive import Take
 from storage.errors import ArchiveError, InputError, UnknownNameError
-from viewer.holdings import Holdings, Motion
+from viewer.answers import find_others
+from viewer.asking import read_address
+from viewer.holdings import FILE, Holdings, Motion
+from viewer.report import make_report
+from viewer.texts import choose_language
 from viewer.tracks import make_palette, pack_track, pack_voxel_frame, pack_voxels_head
+
+logger = logging.getLogger(__name__)
 
 MOST_ROWS = 4096
 """How many rows of a track one answer has at most [frames]. Pages ask for pieces."""
@@ -38,6 +46,24 @@ def add_data(app: FastAPI, holdings: Holdings) -> None:
     def voxels(take: str, version: str, start: int = 0, count: int = 1) -> Response:
         return _answer(lambda: _voxels(holdings, holdings.take(take, version), start, count))
 
+    @app.get("/report")
+    def report(request: Request) -> Response:
+        try:
+            asking, _ = read_address(request.query_params)
+            version = FILE if asking.file else None
+            motion = holdings.motion(asking.file or asking.take, version)
+            clip = (asking.start or 0, motion.frames - 1 if asking.end is None else asking.end)
+            answer = find_others(holdings, motion, clip, asking.settings())
+            language = choose_language(
+                None, request.cookies.get("language"), request.headers.get("accept-language", "")
+            )
+            content = make_report(holdings, answer, motion, language)
+        except (UnknownNameError, ArchiveError, InputError, OSError, ValueError) as error:
+            return PlainTextResponse(str(error), 409)
+        name = quote(f"{motion.title}-{clip[0]}-{clip[1]}.html")
+        head = {"content-disposition": f"attachment; filename*=UTF-8''{name}"}
+        return Response(content, media_type="text/html; charset=utf-8", headers=head)
+
     @app.post("/files")
     async def file(request: Request, name: str) -> Response:
         content = bytearray()
@@ -60,12 +86,21 @@ def _answer(make: Callable[[], bytes]) -> Response:
     except (UnknownNameError, ArchiveError, InputError, OSError, IndexError) as error:
         status = 404 if isinstance(error, UnknownNameError) else 409
         return PlainTextResponse(str(error), status)
+    except Exception as error:  # what Zarr raises where a chunk was changed is no class of ours
+        logger.warning("frames could not be read", exc_info=error)
+        return PlainTextResponse(
+            f"the data of this take cannot be decoded ({type(error).__name__}); `shosa verify` on "
+            "the archive names what is damaged",
+            500,
+        )
     head = {"content-encoding": "gzip", "cache-control": _KEPT}
     return Response(content, media_type="application/octet-stream", headers=head)
 
 
 def _track(motion: Motion, start: int, end: int, step: int) -> bytes:
     """Return rows of a motion, packed; raises an InputError if they cannot be sent."""
+    if motion.position is None:
+        raise InputError(f"take {motion.name!r} has no joints: its pose was not fitted")
     first, last, by = max(0, start), min(end, motion.frames - 1), max(1, step)
     if not first <= last or (last - first) // by >= MOST_ROWS:
         raise InputError(

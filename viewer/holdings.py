@@ -11,16 +11,20 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.archive import Take
-from storage.errors import ArchiveError, UnknownNameError
+from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.publication import Record
-from tasks.motion.stature import DEFAULT_STATURE_M
+from storage.schema import JOINTS
+from tasks.motion.stature import DEFAULT_STATURE_M, joints_present
+
+if TYPE_CHECKING:
+    from tasks.motion.importing import ImportSettings
 
 FRESH_S = 5.0
 """How long a listing of the archive is good [s]. Chosen: less than a person takes to notice."""
@@ -47,7 +51,7 @@ class Motion:
     stature_m: float
     joints_present: tuple[str, ...]
     position: Any
-    """(time, 21, 3) m; sliced by frames, read when it is sliced."""
+    """(time, 21, 3) m; sliced by frames, read when it is sliced. None where only voxels are."""
     has_voxels: bool
     file: str | None = None
     """Where a dropped file was put, for a search."""
@@ -107,7 +111,7 @@ class Holdings:
         Raises
         ------
         UnknownNameError, ArchiveError
-            If it is not there, or has no motion.
+            If it is not there, or damaged.
         """
         if version == FILE:
             if (held := self._files.get(name)) is None:
@@ -126,22 +130,16 @@ class Holdings:
         InputError
             If no motion can be read from it.
         """
-        from tasks.motion.importing import ImportSettings, read_joint_track
-
         key = secrets.token_urlsafe(9)
         shown = Path(name).name[:80] or "file"
         path = self.uploads / f"{key}{Path(shown).suffix.lower()}"
         path.write_bytes(content)
         try:
-            track, _ = read_joint_track(path, ImportSettings())
-        except BaseException:
+            motion = motion_of_file(path, key, shown)
+        except InputError as error:
+            said = str(error).replace(str(path), shown)  # its place here is nobody's business
             path.unlink(missing_ok=True)
-            raise
-        present = np.isfinite(track.position).all(axis=2).mean(axis=0) >= 0.5
-        motion = Motion(
-            key, FILE, shown, "", len(track.position), track.rate_hz,
-            track.stature_m or DEFAULT_STATURE_M, _named(present), track.position, False, str(path),
-        )  # fmt: skip
+            raise InputError(said) from error
         with self._lock:
             self._files[key] = motion
             while len(self._files) > _FILES_HELD:
@@ -170,6 +168,22 @@ class Holdings:
         return made
 
 
+def motion_of_file(
+    path: Path, key: str, title: str, settings: "ImportSettings | None" = None
+) -> Motion:
+    """Return the motion of a file that is in no archive; raises an InputError if it has none."""
+    from tasks.motion.importing import ImportSettings, read_joint_track
+
+    track, _ = read_joint_track(path, settings or ImportSettings())
+    present = joints_present(track.position)
+    return Motion(
+        key, FILE, title, "", len(track.position), track.rate_hz,
+        track.stature_m or DEFAULT_STATURE_M,
+        tuple(name for name, is_in in zip(JOINTS, present, strict=True) if is_in),
+        track.position, False, str(path),
+    )  # fmt: skip
+
+
 def title_of(record: Record) -> str:
     """Return what a take is called on a page."""
     return str(record.metadata.get("title") or record.take)
@@ -194,19 +208,17 @@ def matching(records: Sequence[Record], words: str) -> list[Record]:
 
 
 def _motion_of(take: Take) -> Motion:
-    """Return the motion of a take; raises an ArchiveError where it has none."""
-    record, dataset = take.record, take.motion
+    """Return the motion of a take, without positions where its pose was not fitted."""
+    record = take.record
+    position, stature_m = None, None
+    if "motion" in record.stages:
+        dataset = take.motion
+        position, stature_m = _Frames(dataset["position"]), dataset.attrs["stature_m"]
     return Motion(
         take.name, record.version, title_of(record), performer_of(record),
-        record.frames, record.rate_hz, float(dataset.attrs["stature_m"] or DEFAULT_STATURE_M),
-        tuple(record.joints_present), _Frames(dataset["position"]), "voxels" in record.stages,
+        record.frames, record.rate_hz, float(stature_m or DEFAULT_STATURE_M),
+        tuple(record.joints_present), position, "voxels" in record.stages,
     )  # fmt: skip
-
-
-def _named(present: NDArray[np.bool_]) -> tuple[str, ...]:
-    from storage.schema import JOINTS
-
-    return tuple(name for name, is_in in zip(JOINTS, present, strict=True) if is_in)
 
 
 class _Frames:

@@ -29,6 +29,13 @@ from tasks.retrieval.searching import (
 from tasks.retrieval.weighting import joint_weights
 from viewer.holdings import FILE, Holdings, Motion, performer_of, title_of
 
+BODY = {
+    "joints": list(JOINTS),
+    "bones": [["Neck", "Head"], *([a, b] for a, b in FIGURE_LINES)],
+    "otherSide": OTHER_SIDE.tolist(),
+}
+"""What the drawing needs to know of a body."""
+
 _POSES = 4
 """How many poses stand beside a match."""
 _WIDE, _HIGH = 96.0, 40.0
@@ -48,6 +55,7 @@ def shown_motion(motion: Motion, start: int, end: int) -> dict[str, Any]:
         "rate": motion.rate_hz,
         "stature": motion.stature_m,
         "voxels": motion.has_voxels,
+        "joints": motion.position is not None,
         "start": start,
         "end": end,
     }
@@ -148,7 +156,7 @@ def listed(
                 "distance": f"{match.distance:.3f}",
                 "share": round(100 * match.distance / farthest, 1),
                 "mirrored": match.mirrored,
-                "strip": _strip(by_name.get(match.take), match),
+                "strip": strip_of(by_name.get(match.take), match.start, match.end),
             }
         )
     return rows
@@ -184,11 +192,11 @@ def strip_path(poses: NDArray[np.floating]) -> str:
     return "".join(lines)
 
 
-def _strip(take: PackedTake | None, match: Match) -> str:
-    """Return the picture of some poses of a match."""
+def strip_of(take: PackedTake | None, start: int, end: int) -> str:
+    """Return the picture of some poses of a clip, as `strip_path`; nothing without a take."""
     if take is None:
         return ""
-    frames = np.linspace(match.start, match.end, _POSES)
+    frames = np.linspace(start, end, _POSES)
     last = take.rows.shape[1] - 1
     samples = np.clip(np.rint(frames * INDEX_RATE_HZ / take.rate_hz), 0, last).astype(int)
     rows = np.asarray(take.rows[:63, samples], np.float64)

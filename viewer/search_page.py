@@ -10,13 +10,13 @@ from fastapi import Request
 from nicegui import ui
 
 from storage.schema import JOINTS
-from tasks.retrieval.answering import Answer, answer_query
+from tasks.rendering.views import SEGMENT_COLORS
+from tasks.retrieval.answering import Answer
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match
+from viewer.answers import find_others
 from viewer.asking import Asking, read_address
 from viewer.components import (
-    BODY,
-    SEGMENT_RGB,
     Chooser,
     Curves,
     Results,
@@ -27,7 +27,7 @@ from viewer.components import (
     tag,
 )
 from viewer.holdings import FILE, Holdings, Motion, matching, performer_of, title_of
-from viewer.pairing import listed, pair, shown_motion
+from viewer.pairing import BODY, listed, pair, shown_motion
 from viewer.search_form import SearchForm
 from viewer.shell import Shell, Site, begin_page
 
@@ -92,7 +92,12 @@ class SearchPage:
                     self.press.on("click", self.search, args=[])
             with tag("section", classes="main-area"):
                 self.stage = made(
-                    Stage, score=None, body=BODY, texts=texts, show=show, segments=SEGMENT_RGB
+                    Stage,
+                    score=None,
+                    body=BODY,
+                    texts=texts,
+                    show=show,
+                    segments=SEGMENT_COLORS.tolist(),
                 )
             with tag("section", classes="below"):
                 self.curves = made(Curves, score=None, body=BODY, texts=texts, chosen=joint)
@@ -259,7 +264,8 @@ class SearchPage:
             self.say(self.summary, self.shell.text("searching", count=f"{len(records):,}"))
             self.say(self.detail, "")
             self.say(self.note, "")
-            answer = await to_thread(self.answer, asking, motion)
+            clip = (asking.start or 0, asking.end or 0)
+            answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
             self.asked = self.asking = replace(asking, searched=True, match=rank)
             await self.list_matches(answer)
         except Exception as error:
@@ -269,25 +275,6 @@ class SearchPage:
             self.busy = False
             self.waiting.classes("empty")
             self.press.props(remove="disabled")
-
-    def answer(self, asking: Asking, motion: Motion) -> Answer:
-        """Return what was found, without the clip itself."""
-        settings = replace(asking.settings(), top=asking.top + 1)
-        clip = f"{asking.start}-{asking.end}"
-        answer = answer_query(
-            self.holdings.location, f"{motion.file or motion.name}:{clip}", settings
-        )
-        start, end = asking.start or 0, asking.end or 0
-        others = [
-            match
-            for match in answer.matches
-            if match.mirrored
-            or motion.version == FILE
-            or match.take != motion.name
-            or match.end < start
-            or match.start > end
-        ]
-        return replace(answer, matches=others[: asking.top])
 
     async def list_matches(self, answer: Answer) -> None:
         """List what was found, and open one."""
@@ -311,6 +298,12 @@ class SearchPage:
         )
         self.extras.clear()
         with self.extras:
+            if rows:
+                address = f"/report?{self.asked.report_address()}"
+                tag(
+                    "a", self.shell.texts["report"], href=address, download="",
+                    title=self.shell.texts["report_title"], data_link="report",
+                )  # fmt: skip
             if answer.skipped:
                 with tag("details"):
                     tag("summary", self.shell.text("skipped", count=len(answer.skipped)))

@@ -21,6 +21,7 @@ from storage.errors import PlaceError
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
 from tasks.retrieval.searching import PackedTake, Query, search_takes
+from viewer.browse_page import browse_page
 from viewer.data import add_data
 from viewer.guard import guard
 from viewer.holdings import Holdings
@@ -91,6 +92,10 @@ def make_app(site: Site) -> FastAPI:
     @ui.page("/")
     async def search(request: Request) -> None:
         await search_page(site, request)
+
+    @ui.page("/browse")
+    async def browse(request: Request) -> None:
+        await browse_page(site, request)
 
     ui.run_with(
         app, title="shosa", dark=None, tailwind=False, reconnect_timeout=_FORGET_S,

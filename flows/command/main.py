@@ -18,6 +18,8 @@ from typing import Any
 from flows.command import printing
 from flows.command.options import (
     UsageError,
+    add_import_options,
+    add_search_options,
     check_before_flow,
     check_hours,
     clip_of,
@@ -26,7 +28,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
-from flows.command.viewing import add_view
+from flows.command.viewing import add_report, add_view
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
@@ -86,6 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_search(commands)
     _add_export(commands)
     add_view(commands, _command)
+    add_report(commands, _command)
     _add_upkeep(commands)
     return parser
 
@@ -109,7 +112,7 @@ def _add_ingest(commands: Any) -> None:
     ingest.add_argument("archive", metavar="ARCHIVE", help="a directory or s3://bucket/prefix")
     ingest.add_argument("paths", nargs="+", metavar="PATH", help="a capture, a file, a folder")
     ingest.add_argument("--json", action="store_true", help="print the outcome as JSON")
-    _add_import_settings(ingest)
+    add_import_options(ingest)
     ingest.add_argument("--low-pass", type=float, metavar="HZ", help="smooth the markers")
     ingest.add_argument(
         "--settings",
@@ -120,12 +123,6 @@ def _add_ingest(commands: Any) -> None:
         commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
     )
     settings.add_argument("--json", action="store_true")
-
-
-def _add_import_settings(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--map", metavar="FILE.toml", help="which markers make which joint")
-    command.add_argument("--scale", type=float, metavar="M", help="metres in one unit of the file")
-    command.add_argument("--up", choices=("x", "y", "z"), help="the file's axis that points up")
 
 
 def _add_looks(commands: Any) -> None:
@@ -147,21 +144,10 @@ def _add_search(commands: Any) -> None:
     search.add_argument(
         "query", metavar="QUERY", help="TAKE[:START-END] or FILE[:START-END], frames inclusive"
     )
-    search.add_argument("--part", default="whole", help="whole, upper, arms, feet, ...")
-    search.add_argument(
-        "--weight", action="append", default=[], metavar="JOINT=W", help="may be repeated"
-    )
-    search.add_argument("--top", type=int, default=10, metavar="N", help="at most N matches")
-    search.add_argument("--threshold", type=float, metavar="D", help="only distances below D")
+    add_search_options(search)
     search.add_argument("--steps", choices=("slope", "paper"), default="slope")
-    search.add_argument("--mirror", action="store_true", help="also left and right exchanged")
-    search.add_argument(
-        "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
-    )
-    search.add_argument("--takes", metavar="GLOB", help="search only in these takes")
     search.add_argument("--json", action="store_true")
     search.add_argument("--flow", action="store_true", help="run it as a Prefect flow")
-    _add_import_settings(search)
 
 
 def _add_export(commands: Any) -> None:

@@ -2,11 +2,18 @@
 
 import argparse
 import os
+from pathlib import Path
 from typing import Any
 
 from flows.command import printing
-from flows.command.options import UsageError
+from flows.command.options import (
+    UsageError,
+    add_search_options,
+    query_settings,
+    search_settings,
+)
 from storage import open_archive
+from storage.errors import ArchiveError, InputError, UnknownNameError
 
 _LARGEST_PORT = 65535
 
@@ -46,6 +53,55 @@ def view_archive(options: argparse.Namespace) -> int:
         options.archive, host=options.host, port=options.port, runs_url=runs_url(),
         open_browser=not options.no_browser, tell=tell,
     )  # fmt: skip
+    return 0
+
+
+def add_report(commands: Any, make: Any) -> None:
+    """Add what `shosa report` understands; `make` adds a sub-command."""
+    text = "write a search as one HTML file that plays query and matches without archive or network"
+    report = make(commands, "report", report_search, text)
+    report.add_argument("archive", metavar="ARCHIVE")
+    report.add_argument("query", metavar="QUERY", help="TAKE[:START-END] or FILE[:START-END]")
+    report.add_argument("file", metavar="FILE.html")
+    add_search_options(report)
+    report.set_defaults(steps="slope")
+
+
+def report_search(options: argparse.Namespace) -> int:
+    """Run `shosa report`.
+
+    Raises
+    ------
+    UsageError, InputError, ArchiveError, UnknownNameError, PlaceError
+        As `shosa search`, or if the file is not called .html or cannot be written.
+    """
+    settings, imported = search_settings(options), query_settings(options)
+    if Path(options.file).suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"{options.file} should end in .html: the report is one page")
+    from storage.formats import MOTION_SUFFIXES
+    from tasks.retrieval.answering import parse_query
+    from viewer.answers import find_others
+    from viewer.holdings import Holdings, motion_of_file
+    from viewer.report import write_report
+
+    name, clip = parse_query(options.query)
+    holdings = Holdings(options.archive, Path())
+    if Path(name).suffix.lower() in MOTION_SUFFIXES:
+        motion = motion_of_file(Path(name), "query", Path(name).name, imported)
+    else:
+        motion = holdings.motion(name)
+    clip = clip or (0, motion.frames - 1)
+    try:
+        answer = find_others(
+            holdings, motion, clip, settings, takes=options.takes, imported=imported
+        )
+    except (InputError, ArchiveError, UnknownNameError):
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    for take, reason in answer.skipped.items():
+        printing.say(f"not compared: {take}: {reason}")
+    printing.say(write_report(holdings, answer, motion, options.file))
     return 0
 
 

@@ -24,6 +24,12 @@ function isSoftware() {
   return /swiftshader|llvmpipe|software/i.test(name);
 }
 
+// The track of a take that has voxels only.
+function noTrack(joints) {
+  const nothing = new Float32Array(3 * joints).fill(NaN);
+  return { frame: () => nothing, want: () => Promise.resolve(false) };
+}
+
 // One stick figure: a tube a line, a ball a joint.
 class Figure {
   constructor(scene, joints, lines, top) {
@@ -108,7 +114,7 @@ export default {
   <div class="stage" :class="{waiting}">
     <div class="stage-view" ref="view" role="img" :aria-label="texts.stage"></div>
     <div class="stage-top">
-      <span class="segmented" role="group" :aria-label="texts.arrangement">
+      <span v-if="!show?.single" class="segmented" role="group" :aria-label="texts.arrangement">
         <button v-for="m in modes" :key="m" :data-mode="m" :aria-pressed="mode===m" :disabled="m!=='query' && !score?.match" @click="setMode(m)">{{ texts[m] }}</button>
       </span>
       <label v-if="filmed" class="pick">{{ texts.voxels }}
@@ -125,7 +131,7 @@ export default {
       <button data-control="play" @click="player.toggle()" :title="texts.play_title" :aria-label="texts.play">{{ playing ? "❚❚" : "►" }}</button>
       <button class="plain" data-control="back" @click="player.step(-1)" :aria-label="texts.back">◂</button>
       <button class="plain" data-control="forth" @click="player.step(1)" :aria-label="texts.forth">▸</button>
-      <input type="range" data-control="time" min="0" max="1000" step="1" ref="slider" :aria-label="texts.time" @input="seek">
+      <span class="time"><input type="range" data-control="time" min="0" max="1000" step="1" ref="slider" :aria-label="texts.time" @input="seek"><i v-for="m in score?.marks || []" class="mark" :style="{left: share(m[0]), width: \`max(2px, calc(\${share(m[1] + 1)} - \${share(m[0])}))\`}"></i></span>
       <span class="readout" ref="readout"></span>
       <select data-control="speed" v-model.number="speed" @change="setSpeed" :aria-label="texts.speed"><option v-for="s in speeds" :key="s" :value="s">×{{ s }}</option></select>
       <label class="pick"><input type="checkbox" data-control="loop" v-model="loop" @change="player.loop = loop"> {{ texts.loop }}</label>
@@ -135,20 +141,23 @@ export default {
   data() {
     const show = this.show || {};
     return {
-      modes: MODES, speeds: SPEEDS, mode: show.mode || "overlay", voxels: show.voxels || "color", pinned: show.pinned !== false,
+      modes: MODES, speeds: SPEEDS, mode: MODES.includes(show.mode) ? show.mode : "overlay", voxels: show.voxels || "color", pinned: show.pinned !== false,
       warped: show.warped !== false, follow: show.follow !== false, speed: 1, loop: true, playing: false, message: "", waiting: false,
     };
   },
   computed: { filmed() { return Boolean(this.score?.query?.voxels || this.score?.match?.voxels); } },
   watch: { score: { handler() { this.load(); } } },
-  created() { this.player = player; setBody(this.body.joints, this.body.bones, this.body.otherSide); },
+  created() { this.player = player; this.wanted = MODES.includes(this.show?.mode) ? this.show.mode : "overlay"; setBody(this.body.joints, this.body.bones, this.body.otherSide); },
   mounted() {
     this.makeView();
-    this.off = player.on(() => { if (this.playing !== player.playing) this.playing = player.playing; });
+    this.due = 2;
+    this.off = player.on(() => { this.wake(); if (this.playing !== player.playing) this.playing = player.playing; });
     this.key = (event) => this.pressed(event);
     window.addEventListener("keydown", this.key);
     window.shosa.stage = { figures: [], bodies: [], mode: this.mode };
-    window.shosa.preview = (frame) => { this.previewed = frame; };
+    window.shosa.player = player;
+    window.shosa.seekFrame = (frame) => { player.playing = false; player.seek((frame - this.score.query.start) / this.score.query.rate); };
+    window.shosa.preview = (frame) => { this.previewed = frame; this.wake(); };
     this.load();
   },
   unmounted() {
@@ -156,6 +165,7 @@ export default {
     this.stopped = true;
     window.removeEventListener("keydown", this.key);
     this.watcher?.disconnect();
+    this.dark?.disconnect();
     this.renderer?.dispose();
   },
   methods: {
@@ -166,7 +176,7 @@ export default {
       } catch (error) {
         this.flat = new StickCanvas(document.createElement("canvas")); // WebGL is missing
         view.appendChild(this.flat.canvas);
-        this.flat.orbit(() => {});
+        this.flat.orbit(() => this.wake());
         this.message = this.texts.no_webgl;
       }
       if (this.renderer) {
@@ -174,6 +184,9 @@ export default {
         const scene = (this.scene = new THREE.Scene());
         this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 60);
         this.orbit = new OrbitControls(this.camera, this.renderer.domElement);
+        this.orbit.addEventListener("change", () => this.wake());
+        this.dark = new MutationObserver(() => this.wake());
+        this.dark.observe(document.body, { attributes: true, attributeFilter: ["class"] });
         this.grid = new THREE.GridHelper(8, 16);
         this.grid.material.vertexColors = false;
         this.light = new THREE.HemisphereLight(0xffffff, 0xb5b0a6, 2.4);
@@ -186,6 +199,7 @@ export default {
         this.home();
       }
       const fit = () => {
+        this.wake();
         const w = Math.max(1, view.clientWidth), h = Math.max(1, view.clientHeight);
         if (this.flat) { this.flat.canvas.width = w * devicePixelRatio; this.flat.canvas.height = h * devicePixelRatio; return; }
         this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
@@ -199,11 +213,14 @@ export default {
         if (this.stopped) return;
         requestAnimationFrame(loop);
         player.tick(now);
-        this.draw();
+        if (player.playing || this.due > 0) { this.due -= 1; this.draw(); } // nothing is drawn while nothing moves
       };
       requestAnimationFrame(loop);
     },
+    wake() { this.due = 60; }, // frames: the camera comes to rest within them
+    wakeOnce() { this.due = Math.max(this.due, 1); },
     home() {
+      this.wake();
       if (!this.camera) return;
       const far = ROOM[this.mode] * (this.bodyShown() ? 1.35 : 1), wide = this.camera.aspect < 1 ? 1.5 : 1;
       this.orbit.target.set(0, 0.88, 0);
@@ -217,8 +234,8 @@ export default {
       this.tracks = null; this.previewed = null; this.message = this.flat ? this.texts.no_webgl : "";
       if (!score) return;
       if (score.query.version) window.shosa.score = score;
-      if (!score.match) this.mode = "query"; else if (this.mode === "query" && !this.chosen) this.mode = "overlay";
-      const tracks = { query: openTrack(score.query), match: score.match && openTrack(score.match) };
+      this.mode = score.match ? this.wanted : "query";
+      const tracks = { query: score.query.joints === false ? noTrack(this.body.joints.length) : openTrack(score.query), match: score.match && openTrack(score.match) };
       this.waiting = true;
       try {
         const wanted = [tracks.query.want(score.query.start, Math.min(score.query.end, score.query.start + AHEAD_S * score.query.rate))];
@@ -244,12 +261,13 @@ export default {
       player.setLength(Math.max(own, other), query.rate);
       player.seek(Math.min(t, player.length));
     },
-    setMode(mode) { this.mode = mode; this.chosen = true; this.changed(); },
+    share(frame) { return `${(100 * (frame - this.score.query.start)) / Math.max(1, this.score.query.end - this.score.query.start)}%`; },
+    setMode(mode) { this.mode = this.wanted = mode; this.changed(); },
     changed() {
       if (this.tracks) this.setLength();
       this.home();
       setAddress({
-        mode: this.mode === "overlay" ? null : this.mode, voxels: this.voxels === "color" ? null : this.voxels,
+        mode: this.wanted === "overlay" ? null : this.wanted, voxels: this.voxels === "color" ? null : this.voxels,
         pinned: this.pinned ? null : "no", warped: this.warped ? null : "no", follow: this.follow ? null : "no",
       });
     },
@@ -271,7 +289,7 @@ export default {
     prefetch(figures) {
       for (const { who, frame } of figures) {
         const motion = this.score[who];
-        this.tracks[who].want(Math.floor(frame), Math.min(motion.end + 1, frame + AHEAD_S * motion.rate)).catch((error) => this.fail(error));
+        this.tracks[who].want(Math.floor(frame), Math.min(motion.end + 1, frame + AHEAD_S * motion.rate)).then((came) => came && this.wakeOnce()).catch((error) => this.fail(error));
       }
     },
     fail(error) { this.message = fill(this.texts.not_loaded, { why: error.message }); },
@@ -290,8 +308,8 @@ export default {
       const shown = [];
       for (const { who, frame, base, stand } of figures) {
         if (!this.bodyShown() || !score[who]?.voxels || !this.bodies) continue;
-        const store = openVoxels(score[who]), n = Math.round(frame), side = who === "query" ? -BODY_ASIDE : BODY_ASIDE;
-        store.want(n).catch((error) => this.fail(error));
+        const store = openVoxels(score[who]), n = Math.round(frame), side = score.query.joints === false ? 0 : who === "query" ? -BODY_ASIDE : BODY_ASIDE;
+        store.want(n).then((came) => came && this.wakeOnce()).catch((error) => this.fail(error));
         store.want(Math.min(score[who].end, n + 15)).catch((error) => this.fail(error));
         const key = `${score[who].take} ${n} ${this.voxels} ${this.mode} ${base?.x}`, voxels = store.frame(n);
         if (voxels) { this.bodies[who].show(voxels, { base, stand: { ...stand, x: stand.x + side } }, this.voxels === "segments" ? this.segments : null, key); shown.push({ who, frame: n, count: voxels.count, colors: this.voxels }); }

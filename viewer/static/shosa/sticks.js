@@ -1,5 +1,5 @@
 // Stick figures on a flat canvas: thumbnails, the report, and browsers without WebGL.
-import { facing, headOf, linesOf } from "./figures.js";
+import { J, facing, headOf, linesOf } from "./figures.js";
 
 // Draw poses seen from `view` {azimuth, elevation, middle, height}: figures [{pose, color, strong}].
 export class StickCanvas {
@@ -37,6 +37,7 @@ export class StickCanvas {
       const head = headOf(pose);
       if (head) {
         const [x, y] = this.project(head.middle);
+        c.globalAlpha = !strong || strong.has(J.Head) || strong.has(J.Neck) ? 1 : 0.3;
         c.fillStyle = color; c.beginPath(); c.arc(x, y, (head.radius * this.canvas.height) / this.view.height, 0, 7); c.fill();
       }
       c.globalAlpha = 1;

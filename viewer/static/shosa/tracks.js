@@ -58,7 +58,7 @@ export function openTrack(motion) {
       want(first, last) {
         const coming = [], end = Math.min(last, motion.frames - 1);
         for (let n = Math.floor(Math.max(0, first) / TRACK_PIECE); n <= Math.floor(end / TRACK_PIECE); n++) coming.push(load(n));
-        return Promise.all(coming);
+        return Promise.all(coming).then((came) => came.some(Boolean)); // whether there is anything new
       },
     };
   });
@@ -112,6 +112,7 @@ export function openVoxels(motion) {
           .then((content) => {
             for (const [frame, voxels] of decodeVoxels(content)) frames.set(frame, voxels);
             for (const frame of frames.keys()) if (frames.size > VOXELS_KEPT) frames.delete(frame);
+            return true;
           })
           .finally(() => waiting.delete(number));
         waiting.set(number, coming);

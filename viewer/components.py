@@ -38,6 +38,10 @@ class Takes(ui.element, component="static/takes.js"):
     """The recordings of an archive."""
 
 
+class BodyEditor(ui.element, component="static/body.js", esm=_OURS):
+    """The joints and boundaries of a body model, to be dragged."""
+
+
 def give(element: ui.element, **values: Any) -> None:
     """Give a component new values, and let the browser know."""
     for name, value in values.items():

@@ -3,21 +3,15 @@
 import gzip
 import logging
 from collections.abc import Callable
-from urllib.parse import quote
 
 import numpy as np
-from fastapi import FastAPI, Request, Response
-from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import JSONResponse, PlainTextResponse
+from fastapi import FastAPI, Response
+from fastapi.responses import PlainTextResponse
 from numpy.typing import NDArray
 
 from storage.archive import Take
 from storage.errors import ArchiveError, InputError, UnknownNameError
-from viewer.answers import find_others
-from viewer.asking import read_address
-from viewer.holdings import FILE, Holdings, Motion
-from viewer.report import make_report
-from viewer.texts import choose_language
+from viewer.holdings import Holdings, Motion
 from viewer.tracks import make_palette, pack_track, pack_voxel_frame, pack_voxels_head
 
 logger = logging.getLogger(__name__)
@@ -26,8 +20,6 @@ MOST_ROWS = 4096
 """How many rows of a track one answer has at most [frames]. Pages ask for pieces."""
 MOST_VOXEL_FRAMES = 60
 """How many frames of voxels one answer has at most [frames]."""
-MOST_BYTES = 1 << 28
-"""Longest file that may be dropped on a page [bytes]. An hour of a hundred markers is less."""
 _LEVEL = 6
 """Level of gzip. Chosen: 9 is a third slower and 1 % smaller on tracks."""
 _PALETTE_FRAMES = 5
@@ -45,38 +37,6 @@ def add_data(app: FastAPI, holdings: Holdings) -> None:
     @app.get("/data/voxels/{take}/{version}")
     def voxels(take: str, version: str, start: int = 0, count: int = 1) -> Response:
         return _answer(lambda: _voxels(holdings, holdings.take(take, version), start, count))
-
-    @app.get("/report")
-    def report(request: Request) -> Response:
-        try:
-            asking, _ = read_address(request.query_params)
-            version = FILE if asking.file else None
-            motion = holdings.motion(asking.file or asking.take, version)
-            clip = (asking.start or 0, motion.frames - 1 if asking.end is None else asking.end)
-            answer = find_others(holdings, motion, clip, asking.settings())
-            language = choose_language(
-                None, request.cookies.get("language"), request.headers.get("accept-language", "")
-            )
-            content = make_report(holdings, answer, motion, language)
-        except (UnknownNameError, ArchiveError, InputError, OSError, ValueError) as error:
-            return PlainTextResponse(str(error), 409)
-        name = quote(f"{motion.title}-{clip[0]}-{clip[1]}.html")
-        head = {"content-disposition": f"attachment; filename*=UTF-8''{name}"}
-        return Response(content, media_type="text/html; charset=utf-8", headers=head)
-
-    @app.post("/files")
-    async def file(request: Request, name: str) -> Response:
-        content = bytearray()
-        async for part in request.stream():
-            content += part
-            if len(content) > MOST_BYTES:
-                most = f"{MOST_BYTES >> 20} MB"
-                return PlainTextResponse(f"{name[:80]} is larger than {most}; ingest it", 413)
-        try:
-            motion = await run_in_threadpool(holdings.add_file, name, bytes(content))
-        except (InputError, OSError) as error:
-            return PlainTextResponse(str(error), 422)
-        return JSONResponse({"key": motion.name})
 
 
 def _answer(make: Callable[[], bytes]) -> Response:

@@ -32,6 +32,8 @@ _TAKES_OPEN = 48
 """How many takes are kept open [takes]. Opening one takes a tenth of a second."""
 _FILES_HELD = 8
 """How many dropped files are remembered [files]. Their motion is held in memory."""
+_FRAMES_HELD = 4
+"""How many frames of voxels are held while body models are corrected [frames]."""
 FILE = "file"
 """What stands in an address in place of a version where the motion is of a dropped file."""
 
@@ -69,6 +71,7 @@ class Holdings:
         self._listing: tuple[float, list[Record], dict[str, str]] | None = None
         self._takes: OrderedDict[Any, Take] = OrderedDict()
         self._motions: OrderedDict[Any, Motion] = OrderedDict()
+        self._frames: OrderedDict[Any, Any] = OrderedDict()
         self._palettes: OrderedDict[Any, Any] = OrderedDict()
         self._files: OrderedDict[str, Motion] = OrderedDict()
 
@@ -146,6 +149,16 @@ class Holdings:
                 _, old = self._files.popitem(last=False)
                 Path(str(old.file)).unlink(missing_ok=True)
         return motion
+
+    def held_voxels(self, take: Take, frame: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the centers (voxel, 3) m of a frame's voxels, and which are on the surface."""
+
+        def read() -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+            voxels = take.voxels(frame)
+            return voxels["center"].values, voxels["is_surface"].values
+
+        key = (take.name, take.record.version, frame)
+        return self._hold(self._frames, key, read, _FRAMES_HELD)
 
     def palette(self, take: Take, make: Callable[[], _Held]) -> _Held:
         """Return the colors that a take is shown with, made once."""

@@ -21,8 +21,10 @@ from storage.errors import PlaceError
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
 from tasks.retrieval.searching import PackedTake, Query, search_takes
+from viewer.body_page import body_page
 from viewer.browse_page import browse_page
 from viewer.data import add_data
+from viewer.files import add_files
 from viewer.guard import guard
 from viewer.holdings import Holdings
 from viewer.search_page import search_page
@@ -87,6 +89,7 @@ def make_app(site: Site) -> FastAPI:
     """Return the app with all pages and the addresses that they get frames from."""
     app = FastAPI(openapi_url=None)
     add_data(app, site.holdings)
+    add_files(app, site.holdings)
     app.mount("/look", StaticFiles(directory=_LOOK), name="look")
 
     @ui.page("/")
@@ -96,6 +99,10 @@ def make_app(site: Site) -> FastAPI:
     @ui.page("/browse")
     async def browse(request: Request) -> None:
         await browse_page(site, request)
+
+    @ui.page("/body")
+    async def body(request: Request) -> None:
+        await body_page(site, request)
 
     ui.run_with(
         app, title="shosa", dark=None, tailwind=False, reconnect_timeout=_FORGET_S,

@@ -169,6 +169,50 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "correct_body": ("Correct the body model", "身体モデルを直す"),
     "said": ("What was said when it was made", "作成時の記録"),
     "nothing_said": ("Nothing was inferred or left out.", "補った点や除いた点はありません。"),
+    # body model
+    "none_filmed": (
+        "No recording of this archive was filmed: there are no voxels to measure a body in.",
+        "撮影された動作データがないため、ボクセルがありません。",
+    ),
+    "no_voxels": (
+        "The recording “{take}” was not filmed and has no voxels; choose one that was.",
+        "「{take}」は撮影されていないためボクセルがありません。",
+    ),
+    "from_side": ("Side", "横"),
+    "from_back": ("Back", "背面"),
+    "to_move": ("What to move", "動かすもの"),
+    "joints": ("Joints", "関節"),
+    "boundaries": ("Boundaries", "境界"),
+    "undo": ("Undo", "元に戻す"),
+    "frame": ("Frame", "フレーム"),
+    "start_file": ("These joints were placed by a person before.", "以前に人が置いた関節です。"),
+    "start_body": ("The joints were found for you.", "関節は自動で求めたものです。"),
+    "start_track": (
+        "The joints are those of the fitted pose in this frame.",
+        "このフレームの姿勢推定による関節です。",
+    ),
+    "start_standing": (
+        "A standing body is the beginning: drag every joint to its place.",
+        "直立の初期位置です。各関節を正しい位置へ動かしてください。",
+    ),
+    "how_joints": (
+        "Drag any that is off, in front and side view; the colors follow.",
+        "ずれているものを正面と横から動かすと、色分けが変わります。",
+    ),
+    "how_boundaries": (
+        "Drag a square to move the border between two segments; the joint stays.",
+        "四角を動かすと体節の境界だけが動きます（関節は動きません）。",
+    ),
+    "both_sides": ("Move left and right together", "左右を同時に動かす"),
+    "captured_colors": ("Show captured colors", "撮影色で表示"),
+    "use_model": ("Use this body model", "この身体モデルを使う"),
+    "download_model": ("Download initial.json", "initial.json を保存"),
+    "model_saved": ("Saved as {path}.", "{path} に保存しました。"),
+    "then_run": ("To digitize with it, run:", "これで再処理するには次を実行:"),
+    "no_capture": (
+        "The capture is not on this machine: download the file and put it into its folder.",
+        "元の撮影データがこの計算機にないため、ファイルを保存してそのフォルダへ置いてください。",
+    ),
     # report
     "settings": ("compared", "設定"),
     "archive": ("archive", "アーカイブ"),

@@ -1,5 +1,7 @@
 """An archive whose dances are known: a movement of the feet that two takes share, a filmed one."""
 
+from pathlib import Path
+
 import numpy as np
 
 from storage import create_archive
@@ -83,7 +85,11 @@ def add_dance(location, name, position, *, filmed=False, title=None):
     publish_record(
         place,
         Record(
-            name, version, number, {"kind": "bvh", "name": "a", "path": "/a", "digest": "d"},
+            name, version, number,
+            {
+                "kind": "capture" if filmed else "bvh", "name": "a", "digest": "d",
+                "path": str(Path(location).parent / "capture"),
+            },
             {"title": title or f"The {name}", "performer": "TK"}, len(position), RATE_HZ,
             [joint for joint, there in zip(JOINTS, present, strict=True) if there], stages,
             describe_files(place, name, version),

@@ -152,8 +152,8 @@ def _add_search(commands: Any) -> None:
 
 def _add_export(commands: Any) -> None:
     text = (
-        "write joints (TRC, C3D, BVH, CSV), voxels (PLY) or the initial model (JSON) of a take, by "
-        "the suffix of FILE"
+        "write joints (TRC, C3D, BVH, CSV, GLB), voxels (PLY, GLB) or the initial model (JSON) of "
+        "a take, by the suffix of FILE"
     )
     export = _command(commands, "export", _export, text)
     export.add_argument("archive", metavar="ARCHIVE")
@@ -161,6 +161,7 @@ def _add_export(commands: Any) -> None:
     export.add_argument("file", metavar="FILE")
     export.add_argument("--frames", metavar="START-END", help="only these frames, inclusive")
     export.add_argument("--mesh", action="store_true", help="PLY: a closed surface, not points")
+    export.add_argument("--voxels", action="store_true", help="GLB: voxels, not the skeleton")
     export.add_argument("--segment", metavar="NAME", help="one segment: voxels (PLY), motion (CSV)")
     text = "write a view of a take's voxels from where no camera stood: a still or a film"
     add_render_options(_command(commands, "render", _render, text))

@@ -88,7 +88,9 @@ def open_page(browser, viewer):
         page.on(
             "request",
             lambda r: (
-                None if r.url.startswith((viewer, "data:", "blob:")) else strange.append(r.url)
+                None
+                if r.url.startswith((viewer, "data:", "blob:", "file:"))
+                else strange.append(r.url)
             ),
         )
         page.goto(viewer + address)

@@ -40,7 +40,7 @@ def test_recordings_are_browsed_filtered_and_followed_to_a_search(open_page):
 
 
 def test_a_joint_is_dragged_the_labels_follow_and_the_model_is_saved(open_page, capture):
-    page = open_page("/body?take=filmed&frame=20")
+    page = open_page("/body?take=filmed&frame=20", faults_expected=True)
     wait(page, "() => window.shosa?.bodyModel?.labels?.length > 0")
     before = page.evaluate("() => window.shosa.bodyModel.joints")
     shares = page.evaluate("() => window.shosa.bodyModel.shares")

@@ -19,9 +19,11 @@ points, and viewers hold all of them."""
 _BONE_M, _JOINT_M = 0.017, 0.027
 """Radii of bones and joints [m]. As the viewer draws them; chosen by eye."""
 _BONE_PAINT, _JOINT_PAINT = (0.02, 0.1, 0.6), (0.05, 0.2, 0.75)
+"""Linear red, green and blue of bones and joints [share of full light]. The viewer's blue."""
 _LEAST_HZ = 30.0
 """A skeleton has at least so many poses a second [Hz]; of faster takes, frames are left out."""
 _SIDES = 10
+"""How many sides a bone has. Chosen by eye: it looks round."""
 _GAMMA = 2.2
 """Video to linear light, in which the colors of a GLB file are."""
 

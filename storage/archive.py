@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.places import Place, create_file, list_names, open_place, read_file
@@ -111,6 +111,40 @@ class Take:
         from storage.arrays.voxels import read_voxels
 
         return read_voxels(self._voxels, frame)
+
+    def surfaces(
+        self, start: int, end: int
+    ) -> "list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]]":
+        """Return number, color and label of the surface voxels, a frame each, `end` not among them.
+
+        Raises
+        ------
+        ArchiveError
+            If the take has no voxels.
+        IndexError
+            If there are no such frames.
+        """
+        from storage.arrays.voxels import read_surfaces
+
+        return read_surfaces(self._voxels, start, end)
+
+    @property
+    def grid(self) -> "tuple[tuple[int, int, int], tuple[float, float, float], float]":
+        """The voxels' shape (x, y, z), the middle of the first one, m, and their size, m.
+
+        Raises
+        ------
+        ArchiveError
+            If the take has no voxels.
+        """
+        attrs: Any = self._voxels.attrs
+        x, y, z = attrs["shape"]
+        left, low, near = attrs["origin_m"]
+        return (
+            (int(x), int(y), int(z)),
+            (float(left), float(low), float(near)),
+            float(attrs["voxel_m"]),
+        )
 
     def occupied(self, frame: int) -> "xarray.DataArray":
         """Return the dense view `(x, y, z)` bool of a frame; raises as `voxels`."""

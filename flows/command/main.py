@@ -18,6 +18,8 @@ from typing import Any
 from flows.command import printing
 from flows.command.options import (
     UsageError,
+    add_import_options,
+    add_search_options,
     check_before_flow,
     check_hours,
     clip_of,
@@ -28,6 +30,7 @@ from flows.command.options import (
 )
 from flows.command.serving import add_serve_options, run_serve
 from flows.command.terminal import bars, log_to_standard_error
+from flows.command.viewing import add_report, add_view
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
@@ -87,6 +90,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_looks(commands)
     _add_search(commands)
     _add_export(commands)
+    add_view(commands, _command)
+    add_report(commands, _command)
     _add_upkeep(commands)
     return parser
 
@@ -110,7 +115,7 @@ def _add_ingest(commands: Any) -> None:
     ingest.add_argument("archive", metavar="ARCHIVE", help="a directory or s3://bucket/prefix")
     ingest.add_argument("paths", nargs="+", metavar="PATH", help="a capture, a file, a folder")
     ingest.add_argument("--json", action="store_true", help="print the outcome as JSON")
-    _add_import_settings(ingest)
+    add_import_options(ingest)
     ingest.add_argument("--low-pass", type=float, metavar="HZ", help="smooth the markers")
     ingest.add_argument(
         "--settings",
@@ -137,12 +142,6 @@ def _add_serve(commands: Any) -> None:
     add_serve_options(_command(commands, "serve", _serve, text))
 
 
-def _add_import_settings(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--map", metavar="FILE.toml", help="which markers make which joint")
-    command.add_argument("--scale", type=float, metavar="M", help="metres in one unit of the file")
-    command.add_argument("--up", choices=("x", "y", "z"), help="the file's axis that points up")
-
-
 def _add_looks(commands: Any) -> None:
     takes = _command(commands, "takes", _takes, "list the takes of an archive")
     takes.add_argument("archive", metavar="ARCHIVE")
@@ -162,27 +161,16 @@ def _add_search(commands: Any) -> None:
     search.add_argument(
         "query", metavar="QUERY", help="TAKE[:START-END] or FILE[:START-END], frames inclusive"
     )
-    search.add_argument("--part", default="whole", help="whole, upper, arms, feet, ...")
-    search.add_argument(
-        "--weight", action="append", default=[], metavar="JOINT=W", help="may be repeated"
-    )
-    search.add_argument("--top", type=int, default=10, metavar="N", help="at most N matches")
-    search.add_argument("--threshold", type=float, metavar="D", help="only distances below D")
+    add_search_options(search)
     search.add_argument("--steps", choices=("slope", "paper"), default="slope")
-    search.add_argument("--mirror", action="store_true", help="also left and right exchanged")
-    search.add_argument(
-        "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
-    )
-    search.add_argument("--takes", metavar="GLOB", help="search only in these takes")
     search.add_argument("--json", action="store_true")
     search.add_argument("--flow", action="store_true", help="run it as a Prefect flow")
-    _add_import_settings(search)
 
 
 def _add_export(commands: Any) -> None:
     text = (
-        "write joints (TRC, C3D, BVH, CSV), voxels (PLY) or the initial model (JSON) of a take, by "
-        "the suffix of FILE"
+        "write joints (TRC, C3D, BVH, CSV, GLB), voxels (PLY, GLB) or the initial model (JSON) of "
+        "a take, by the suffix of FILE"
     )
     export = _command(commands, "export", _export, text)
     export.add_argument("archive", metavar="ARCHIVE")
@@ -190,6 +178,7 @@ def _add_export(commands: Any) -> None:
     export.add_argument("file", metavar="FILE")
     export.add_argument("--frames", metavar="START-END", help="only these frames, inclusive")
     export.add_argument("--mesh", action="store_true", help="PLY: a closed surface, not points")
+    export.add_argument("--voxels", action="store_true", help="GLB: voxels, not the skeleton")
     export.add_argument("--segment", metavar="NAME", help="one segment: voxels (PLY), motion (CSV)")
     text = "write a view of a take's voxels from where no camera stood: a still or a film"
     add_render_options(_command(commands, "render", _render, text))

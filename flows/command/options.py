@@ -24,6 +24,29 @@ class UsageError(ValueError):
     """The command was called with values that do not go together."""
 
 
+def add_search_options(command: argparse.ArgumentParser) -> None:
+    """Add the options that say what a search compares, and in which takes."""
+    command.add_argument("--part", default="whole", help="whole, upper, arms, feet, ...")
+    command.add_argument(
+        "--weight", action="append", default=[], metavar="JOINT=W", help="may be repeated"
+    )
+    command.add_argument("--top", type=int, default=10, metavar="N", help="at most N matches")
+    command.add_argument("--threshold", type=float, metavar="D", help="only distances below D")
+    command.add_argument("--mirror", action="store_true", help="also left and right exchanged")
+    command.add_argument(
+        "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
+    )
+    command.add_argument("--takes", metavar="GLOB", help="search only in these takes")
+    add_import_options(command)
+
+
+def add_import_options(command: argparse.ArgumentParser) -> None:
+    """Add the options that say how a motion file is read."""
+    command.add_argument("--map", metavar="FILE.toml", help="which markers make which joint")
+    command.add_argument("--scale", type=float, metavar="M", help="metres in one unit of the file")
+    command.add_argument("--up", choices=("x", "y", "z"), help="the file's axis that points up")
+
+
 def import_settings(
     options: argparse.Namespace, low_pass_hz: float | None = None
 ) -> "ImportSettings":

@@ -98,6 +98,12 @@ def export_voxels_or_segment(
     from tasks.exporting.voxels import export_initial, export_segment_motion, export_voxels
 
     suffix = Path(options.file).suffix.lower()
+    if options.voxels:
+        from tasks.exporting.models import export_voxel_clip
+
+        if suffix != ".glb" or clip is None or options.mesh or options.segment:
+            raise ValueError("--voxels is for a .glb file of some --frames START-END, and no more")
+        return export_voxel_clip(options.archive, options.take, options.file, clip)
     if suffix == ".ply":
         if clip and clip[0] != clip[1]:
             raise ValueError(f"a PLY file holds one frame: --frames {clip[0]}-{clip[0]}")

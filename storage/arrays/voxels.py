@@ -47,6 +47,9 @@ RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
 }
 """The ragged arrays: what they go over, their type, and what each entry is."""
 
+_OVER = ("run", "voxel", "surface")
+"""What the ragged arrays go over."""
+
 
 def write_cameras(
     place: Place, folder: str, cameras: Sequence[Camera], provenance: Provenance
@@ -231,6 +234,49 @@ def read_voxel_counts(voxels: zarr.Group) -> NDArray[np.int64]:
     """Return how many voxels are occupied in each frame, (time,)."""
     offset: Any = voxels["voxel_offset"]
     return np.diff(np.asarray(offset[:], np.int64))
+
+
+def read_surfaces(
+    voxels: zarr.Group, start: int, end: int
+) -> list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Return the surface voxels of the frames from `start` to before `end`, for showing them.
+
+    Many frames at once are a tenth of the work of `read_voxels` for each.
+
+    Returns
+    -------
+    list of (number, color, label)
+        A frame each: the numbers of its surface voxels in order, their RGB (voxel, 3), and their
+        final labels, zero where that stage has not run.
+
+    Raises
+    ------
+    IndexError
+        If there are no such frames.
+    """
+    edges = {over: np.asarray(voxels[f"{over}_offset"][start : end + 1]) for over in _OVER}  # type: ignore[index]
+    if not 0 <= start < end or len(edges["run"]) != end - start + 1:
+        last = int(voxels["run_offset"].shape[0]) - 2  # type: ignore[union-attr]
+        raise IndexError(f"frames {start} to {end - 1} are not within the frames 0 to {last}")
+
+    def part(name: str) -> NDArray[Any]:
+        edge = edges[RAGGED[name][0]]
+        array: Any = voxels[name]
+        return np.asarray(array[int(edge[0]) : int(edge[-1])])
+
+    first, length = part("run_start").astype(np.int64), part("run_length").astype(np.int64)
+    before = np.cumsum(length) - length
+    number = np.repeat(first - before, length) + np.arange(length.sum())
+    is_surface, color = part("is_surface"), part("color")
+    label = part("label") if "label" in voxels else np.zeros(len(number), np.uint8)
+    voxel, surface = (edges[over] - edges[over][0] for over in ("voxel", "surface"))
+    found = []
+    for n in range(end - start):
+        inside = slice(int(voxel[n]), int(voxel[n + 1]))
+        shown = is_surface[inside]
+        colors = color[int(surface[n]) : int(surface[n + 1])]
+        found.append((number[inside][shown], colors, label[inside][shown]))
+    return found
 
 
 def read_occupied(voxels: zarr.Group, frame: int) -> xarray.DataArray:

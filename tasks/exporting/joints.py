@@ -1,4 +1,4 @@
-"""Write a take's joints for other programs: TRC, C3D, CSV, or BVH through a fitted skeleton."""
+"""Write a take's joints for other programs: TRC, C3D, CSV, GLB, or BVH by a fitted skeleton."""
 
 import logging
 from pathlib import Path
@@ -14,11 +14,17 @@ from storage.formats.motion.joint_csv import write_joint_csv
 from storage.formats.motion.trc import write_trc
 from storage.places import told
 from storage.schema import JOINTS
+from tasks.exporting.models import write_joint_glb
 from tasks.exporting.skeletons import fit_skeleton
 
 logger = logging.getLogger(__name__)
 
-_WRITERS = {".trc": write_trc, ".c3d": write_c3d, ".csv": write_joint_csv}
+_WRITERS = {
+    ".trc": write_trc,
+    ".c3d": write_c3d,
+    ".csv": write_joint_csv,
+    ".glb": write_joint_glb,
+}
 EXPORT_SUFFIXES = (*_WRITERS, ".bvh")
 """What a take can be written as."""
 

@@ -1,0 +1,111 @@
+"""The sub-command `view`, which opens an archive in a browser."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from flows.command import printing
+from flows.command.options import (
+    UsageError,
+    add_search_options,
+    query_settings,
+    search_settings,
+)
+from storage import open_archive
+from storage.errors import ArchiveError, InputError, UnknownNameError
+
+_LARGEST_PORT = 65535
+
+
+def add_view(commands: Any, make: Any) -> None:
+    """Add what `shosa view` understands; `make` adds a sub-command."""
+    view = make(commands, "view", view_archive, "see, search and correct an archive in a browser")
+    view.add_argument("archive", metavar="ARCHIVE", help="a directory or s3://bucket/prefix")
+    view.add_argument("--port", type=int, default=8080, metavar="N", help="default 8080; 0: any")
+    view.add_argument(
+        "--host", default="127.0.0.1", metavar="ADDRESS",
+        help="who can reach it: by default only this machine; 0.0.0.0 lets the whole network in",
+    )  # fmt: skip
+    view.add_argument("--no-browser", action="store_true", help="only print the address")
+
+
+def view_archive(options: argparse.Namespace) -> int:
+    """Run `shosa view` until it is interrupted.
+
+    Raises
+    ------
+    UsageError, InputError, ArchiveError, PlaceError
+        If the port is no port, there is no archive, or nothing can listen there.
+    """
+    if not 0 <= options.port <= _LARGEST_PORT:
+        raise UsageError(f"--port {options.port} should be 0 to {_LARGEST_PORT}, such as 8080")
+    open_archive(options.archive)  # before the pages are loaded, which takes a second or two
+    from viewer.serving import quiet_libraries, serve_viewer
+
+    quiet_libraries()
+
+    def tell(address: str) -> None:
+        printing.print_line(address)
+        printing.say(f"showing {options.archive}; Ctrl+C ends it")
+
+    serve_viewer(
+        options.archive, host=options.host, port=options.port, runs_url=runs_url(),
+        open_browser=not options.no_browser, tell=tell,
+    )  # fmt: skip
+    return 0
+
+
+def add_report(commands: Any, make: Any) -> None:
+    """Add what `shosa report` understands; `make` adds a sub-command."""
+    text = "write a search as one HTML file that plays query and matches without archive or network"
+    report = make(commands, "report", report_search, text)
+    report.add_argument("archive", metavar="ARCHIVE")
+    report.add_argument("query", metavar="QUERY", help="TAKE[:START-END] or FILE[:START-END]")
+    report.add_argument("file", metavar="FILE.html")
+    add_search_options(report)
+    report.set_defaults(steps="slope")
+
+
+def report_search(options: argparse.Namespace) -> int:
+    """Run `shosa report`.
+
+    Raises
+    ------
+    UsageError, InputError, ArchiveError, UnknownNameError, PlaceError
+        As `shosa search`, or if the file is not called .html or cannot be written.
+    """
+    settings, imported = search_settings(options), query_settings(options)
+    if Path(options.file).suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"{options.file} should end in .html: the report is one page")
+    from storage.formats import MOTION_SUFFIXES
+    from tasks.retrieval.answering import parse_query
+    from viewer.answers import find_others
+    from viewer.holdings import Holdings, motion_of_file
+    from viewer.report import write_report
+
+    name, clip = parse_query(options.query)
+    holdings = Holdings(options.archive, Path())
+    if Path(name).suffix.lower() in MOTION_SUFFIXES:
+        motion = motion_of_file(Path(name), "query", Path(name).name, imported)
+    else:
+        motion = holdings.motion(name)
+    clip = clip or (0, motion.frames - 1)
+    try:
+        answer = find_others(
+            holdings, motion, clip, settings, takes=options.takes, imported=imported
+        )
+    except (InputError, ArchiveError, UnknownNameError):
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    for take, reason in answer.skipped.items():
+        printing.say(f"not compared: {take}: {reason}")
+    printing.say(write_report(holdings, answer, motion, options.file))
+    return 0
+
+
+def runs_url() -> str:
+    """Return where Prefect's dashboard is, as its own variables say."""
+    api = os.environ.get("PREFECT_API_URL", "http://127.0.0.1:4200/api")
+    return os.environ.get("PREFECT_UI_URL") or api.removesuffix("/").removesuffix("/api")

@@ -1,0 +1,386 @@
+"""The search page in a browser: what is drawn, after each thing that a visitor can do."""
+
+import numpy as np
+import pytest
+
+from storage.schema import JOINTS
+from tests.figures.dances import ANSWER, HOSTILE, SHARED, add_dance, lively
+from tests.viewer.conftest import poll, poses, wait
+
+pytestmark = [pytest.mark.slow, pytest.mark.compiled]
+
+FEET = [JOINTS.index(side + end) for side in "RL" for end in ("Heel", "Foot")]
+HANDS = [JOINTS.index(side + "Fin") for side in "RL"]
+LINK = f"/?take=asked&clip={SHARED[0]}-{SHARED[1]}&part=feet&search=yes"
+PLAYING = "() => window.shosa?.stage?.figures?.length === 2 && window.shosa.stage.figures.every(f => f.pose)"
+
+
+def opened(open_page, address=LINK, **options):
+    """A page on which the best match dances over the query, paused at its beginning."""
+    page = open_page(address, **options)
+    wait(page, PLAYING)
+    page.evaluate("() => document.activeElement.blur()")
+    page.click("[data-control=play]")
+    page.keyboard.press("Home")
+    wait(page, "() => window.shosa.stage.figures[0].frame === " + str(SHARED[0]))
+    return page
+
+
+def drawn_frames(page):
+    return [round(frame) for _, frame in poses(page).values()]
+
+
+def test_a_first_visit_reaches_the_right_match_by_feet_only(open_page):
+    page = open_page()
+    chooser = page.get_by_role("combobox", name="Recording")
+    chooser.click()
+    chooser.fill("asked")
+    wait(page, "() => document.querySelectorAll('.chooser-option').length === 1")
+    page.keyboard.press("Enter")
+    wait(
+        page,
+        "() => document.querySelector('.timeline-strip') && window.shosa.stage?.figures?.[0]?.pose",
+    )
+    for which, frame in zip(("first", "last"), SHARED, strict=True):
+        field = page.locator(f"[data-field={which}]")
+        field.fill(str(frame))
+        field.press("Enter")
+    page.get_by_role("button", name="Feet").click()
+    page.get_by_role("button", name="Search the archive").click()
+    wait(page, PLAYING)
+    score = page.evaluate("() => window.shosa.score")
+    assert (score["query"]["start"], score["query"]["end"]) == SHARED
+    assert score["match"]["take"] == "answer"
+    assert abs(score["match"]["start"] - ANSWER[0]) <= 2
+    assert abs(score["match"]["end"] - ANSWER[1]) <= 2
+    begun = page.evaluate("() => window.shosa.stage.frames")
+    wait(page, "begun => window.shosa.stage.frames > begun + 3", begun)  # it plays
+    page.keyboard.press(" ")
+    drawn = poses(page)
+    apart = np.linalg.norm(drawn["query"][0] - drawn["match"][0], axis=1)
+    assert apart[FEET].max() < 0.02
+    assert apart[HANDS].max() > 0.1
+    assert "part=feet" in page.url
+    assert "take=asked" in page.url
+
+
+def test_dragging_an_end_of_the_clip_shows_the_pose_and_takes_the_frame(open_page):
+    page = open_page("/?take=asked&clip=60-119")
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    bar = page.locator(".timeline-bar").bounding_box()
+    handle = page.locator("[data-end=last]").bounding_box()
+    y = handle["y"] + 10
+    page.mouse.move(handle["x"] + 3, y)
+    page.mouse.down()
+    page.mouse.move(bar["x"] + bar["width"] * 200 / 239, y, steps=3)
+    wait(
+        page, "() => Math.abs(window.shosa.stage.figures[0].frame - 200) < 3"
+    )  # before it is let go
+    page.mouse.up()
+    wait(page, "() => Math.abs(window.shosa.score.query.end - 200) < 3")
+    assert page.evaluate("() => window.shosa.score.query.start") == 60
+    wait(page, "() => /clip=60-(19[89]|20[012])/.test(location.search)")
+    page.locator("[data-end=first]").focus()
+    page.keyboard.press("ArrowRight")
+    wait(page, "() => window.shosa.score.query.start === 61")
+
+
+def test_every_way_to_arrange_and_play_changes_what_is_drawn(open_page):
+    page = opened(open_page)
+    together = poses(page)
+    page.click("[data-mode=side]")
+    wait(page, "() => window.shosa.stage.mode === 'side'")
+    aside = poses(page)
+    head = JOINTS.index("Head")
+    assert aside["match"][0][head, 0] - aside["query"][0][head, 0] > 1
+    page.keyboard.press("3")
+    wait(page, "() => window.shosa.stage.figures.length === 1")
+    page.keyboard.press("1")
+    wait(page, "() => window.shosa.stage.figures.length === 2")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight")
+    assert poll(lambda: drawn_frames(page)[0] == SHARED[0] + 2)
+    assert not np.allclose(poses(page)["query"][0], together["query"][0])
+    page.locator("[data-control=time]").evaluate(
+        "e => { e.value = 500; e.dispatchEvent(new Event('input')); }"
+    )
+    assert poll(lambda: abs(drawn_frames(page)[0] - sum(SHARED) / 2) < 2)
+    page.select_option("[data-control=speed]", "0.25")
+    page.uncheck("[data-control=loop]")
+    page.keyboard.press("End")
+    page.click("[data-control=play]")  # from the beginning again, to the end, where it stays
+    wait(page, "() => document.querySelector('[data-control=play]').textContent.includes('❚')")
+    page.select_option("[data-control=speed]", "2")
+    wait(
+        page,
+        "last => window.shosa.stage.figures[0].frame === last && !document.querySelector('[data-control=play]').textContent.includes('❚')",
+        SHARED[1],
+    )
+    camera = page.evaluate("() => window.shosa.stage.camera")
+    box = page.locator(".stage-view").bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 250)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 250, steps=3)
+    page.mouse.up()
+    assert poll(
+        lambda: (
+            np.abs(np.subtract(page.evaluate("() => window.shosa.stage.camera"), camera)).max()
+            > 0.3
+        )
+    )
+    page.click("[data-control=front]")
+    assert poll(
+        lambda: np.allclose(page.evaluate("() => window.shosa.stage.camera"), camera, atol=0.2)
+    )
+
+
+def test_time_and_place_are_matched_or_as_danced(open_page):
+    page = opened(open_page, LINK + "&part=whole")
+    path = page.evaluate("() => window.shosa.score.match.path")
+    assert path != [[a, a] for a, _ in path]
+    match = page.evaluate("() => window.shosa.score.match")
+    query_s, match_s = path[len(path) // 2]
+    page.locator("[data-control=time]").evaluate(
+        "(e, share) => { e.value = Math.round(1000 * share); e.dispatchEvent(new Event('input')); }",
+        query_s / path[-1][0],
+    )
+    assert poll(lambda: abs(poses(page)["match"][1] - (match["start"] + 30 * match_s)) < 1.5)
+    page.keyboard.press("Home")
+    page.uncheck("[data-control=warped]")
+    page.keyboard.press("End")
+    longest = max(match["end"] - match["start"], SHARED[1] - SHARED[0])
+    assert poll(
+        lambda: (
+            page.evaluate("() => window.shosa.stage.figures[1].frame")
+            in (match["end"], match["start"] + longest)
+        )
+    )
+    page.keyboard.press("Home")
+    page.check("[data-control=warped]")
+    pinned = poll(lambda: poses(page).get("match"))[0]
+    page.uncheck("[data-control=pinned]")
+    assert poll(lambda: not np.allclose(poses(page)["match"][0], pinned, atol=1e-4))
+    assert "pinned=no" in page.url
+
+
+def test_each_setting_changes_what_is_compared(open_page):
+    page = opened(open_page)
+    assert page.evaluate("() => window.shosa.stage.strong") == sorted(FEET)
+    page.get_by_role("button", name="Right arm").click()
+    wait(
+        page, "() => window.shosa.stage.strong?.length === 4 && document.querySelector('.outdated')"
+    )
+    page.click("[data-fold=weights] summary")
+    page.locator("[data-joint=Head]").evaluate(
+        "e => { e.value = 0.5; e.dispatchEvent(new Event('change')); }"
+    )
+    wait(
+        page,
+        "() => window.shosa.stage.strong?.length === 5 && location.search.includes('Head%3A0.5')",
+    )
+    page.get_by_role("button", name="Feet").click()
+    wait(
+        page,
+        "() => window.shosa.stage.strong?.length === 4 && !document.querySelector('.outdated')",
+    )
+    page.fill("[data-control=top]", "3")
+    page.press("[data-control=top]", "Enter")
+    page.check("[data-control=mirror]")
+    page.click("[data-control=search]")
+    wait(page, "() => document.querySelectorAll('.result').length === 3")
+    assert "mirror=yes" in page.url
+    page.locator("[data-control=threshold]").evaluate(
+        "e => { e.value = 0.01; e.dispatchEvent(new Event('change')); }"
+    )
+    wait(page, "() => document.body.textContent.includes('cm apart on average')")
+    page.click("[data-control=search]")
+    wait(page, "() => document.querySelectorAll('.result').length === 1")
+    page.locator("[data-control=path]").evaluate(
+        "e => { e.value = 0.5; e.dispatchEvent(new Event('change')); }"
+    )
+    wait(page, "() => location.search.includes('path=0.5')")
+
+
+def test_results_are_chosen_by_click_and_by_keys(open_page):
+    page = opened(open_page)
+    first = page.evaluate("() => window.shosa.score.match")
+    page.locator("[data-rank='2']").click()
+    wait(
+        page,
+        "first => window.shosa.score.match.start !== first.start || window.shosa.score.match.take !== first.take",
+        first,
+    )
+    wait(page, "() => location.search.includes('match=2')")
+    page.keyboard.press("ArrowUp")
+    wait(page, "first => window.shosa.score.match.start === first.start", first)
+    distances = [float(text) for text in page.locator(".far").all_inner_texts()]
+    assert distances == sorted(distances)
+
+
+def test_curves_follow_the_frame_and_say_why_a_match_is_near(open_page):
+    page = opened(open_page)
+    page.select_option("[data-control=joint]", "LElbow")
+    wait(
+        page,
+        "() => document.querySelector('[data-plot=match] figcaption').textContent.startsWith('LElbow')",
+    )
+    page.keyboard.press("End")
+    wait(page, "last => window.shosa.cursors?.query === last", SHARED[1])
+    box = page.locator("[data-plot=query] canvas").bounding_box()
+    page.mouse.click(box["x"] + 38 + (box["width"] - 46) * 90 / 239, box["y"] + 30)
+    wait(page, "() => Math.abs(window.shosa.stage.figures[0].frame - 90) < 3")
+    page.click("[data-tab=near]")
+    wait(
+        page,
+        "() => document.querySelector('[data-plot=along]') && document.querySelector('[data-plot=joints]')",
+    )
+    match = page.evaluate("() => window.shosa.score.match")
+    assert [k for k, v in enumerate(match["byJoint"]) if v is not None] == sorted(FEET)
+    assert max(match["near"]) < 0.01  # the feet are the same
+
+
+def test_a_filmed_body_dances_beside_the_figure(open_page):
+    page = open_page("/?take=filmed&clip=5-50")
+    wait(page, "() => window.shosa?.stage?.bodies?.[0]?.count > 0")
+    page.click("[data-control=play]")
+    page.keyboard.press("End")
+    wait(page, "() => window.shosa.stage.bodies[0].frame === 50")
+    surface = 6 * 32 * 6 - 4 * 30 * 4
+    assert page.evaluate("() => window.shosa.stage.bodies[0].count") == surface
+    page.select_option("[data-control=voxels]", "segments")
+    wait(page, "() => window.shosa.stage.bodies[0].colors === 'segments'")
+    page.select_option("[data-control=voxels]", "off")
+    wait(page, "() => window.shosa.stage.bodies.length === 0")
+
+
+def test_a_link_opens_what_was_shared(open_page):
+    page = opened(open_page, LINK + "&match=2&mode=side&joint=Head")
+    assert page.locator("[aria-selected=true]").get_attribute("data-rank") == "2"
+    assert page.evaluate("() => window.shosa.stage.mode") == "side"
+    assert page.locator("[data-plot=query] figcaption").inner_text().startswith("Head")
+
+
+def test_a_dropped_file_is_searched_with(open_page, write_walk, tmp_path):
+    page = open_page()
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    page.set_input_files("input[type=file]", write_walk(tmp_path / "walk.trc", seed=7))
+    wait(page, "() => window.shosa.score.query.version === 'file'")
+    page.click("[data-control=search]")
+    wait(page, PLAYING)
+    assert page.evaluate("() => window.shosa.score.query.title") == "walk.trc"
+
+
+def test_a_file_that_is_none_is_told(open_page, tmp_path):
+    bad = tmp_path / "bad.bvh"
+    bad.write_text("no motion")
+    page = open_page(faults_expected=True)
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    page.set_input_files("input[type=file]", bad)
+    wait(page, "() => document.querySelector('.notice').textContent.includes('bvh')")
+
+
+def test_language_and_theme_are_changed_and_kept(open_page):
+    page = open_page()
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    light = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+    page.click("[data-control=theme]")
+    wait(page, "light => getComputedStyle(document.body).backgroundColor !== light", light)
+    page.click("[data-control=language]")
+    wait(page, "() => document.querySelector('.main')?.textContent.includes('検索')")
+    wait(page, "() => document.body.classList.contains('body--dark')")
+    assert page.evaluate("() => document.documentElement.lang") == "ja"
+
+
+def test_nothing_found_says_what_to_loosen(open_page):
+    page = open_page("/?take=asked&clip=0-50&search=yes&threshold=0.0002")
+    wait(page, "() => document.querySelector('.found-note')?.textContent.includes('threshold')")
+    assert page.locator(".result").count() == 0
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("/?take=nobody", "There is no recording “nobody”"),
+        ("/?take=asked&clip=9-2&top=no&weights=Tail:1&part=wing", "clip=9-2, part=wing, top=no, weights=Tail:1"),
+        ("/?take=<script>alert(1)</script>", "<script>"),
+    ],
+    ids=["unknown-take", "nonsense", "hostile"],
+)  # fmt: skip
+def test_an_address_that_means_nothing_is_told_and_a_take_shown(open_page, address, told):
+    page = open_page(address)
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    assert told in page.locator(".notice").inner_text()
+
+
+def test_without_webgl_flat_figures_are_drawn_and_it_is_said(viewer, open_page):
+    page = open_page("/look/viewer.css", faults_expected=True)
+    page.context.add_init_script(
+        "const get = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...rest)"
+        "{ return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest); };"
+    )
+    page.goto(viewer + LINK)
+    wait(page, PLAYING)
+    assert "no 3-D graphics" in page.locator(".stage-message").inner_text()
+    blue = page.evaluate(
+        "() => { const c = document.querySelector('.stage-view canvas'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+        "let n = 0; for (let i = 0; i < d.length; i += 4) if (d[i + 2] - d[i] > 90) n++; return n; }"
+    )
+    assert blue > 100
+
+
+# from here on the archive changes
+
+
+def test_a_hostile_title_stays_a_title(open_page, archive):
+    add_dance(archive, "hostile", lively(5, 90), title=HOSTILE)
+    page = open_page("/?take=hostile")
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    assert "taken over" not in page.title()
+    assert page.get_by_role("combobox").first.input_value().startswith(HOSTILE)
+
+
+def test_two_visitors_do_not_disturb_each_other_while_a_take_is_replaced(open_page, archive):
+    pages = [opened(open_page), open_page("/?take=other&clip=10-60")]
+    wait(pages[1], "() => window.shosa?.stage?.figures?.[0]?.pose")
+    add_dance(archive, "answer", lively(12, 280))
+    pages[0].keyboard.press("End")
+    assert poll(lambda: drawn_frames(pages[0])[0] == SHARED[1])  # goes on with what it has
+    pages[0].click("[data-control=search]")
+    wait(
+        pages[0],
+        "() => !document.querySelector('[data-control=search]').disabled && window.shosa.score.match",
+    )
+    assert pages[1].evaluate("() => window.shosa.score.query.take") == "other"
+
+
+def test_a_damaged_take_is_told_and_the_others_searched(open_page, archive):
+    for file in (archive / "takes" / "other").rglob("c/*/0/0"):
+        if "position" in str(file):
+            file.write_bytes(b"damaged")
+    page = open_page("/?take=asked&clip=60-119", faults_expected=True)
+    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    chooser = page.get_by_role("combobox", name="Recording")
+    chooser.click()
+    chooser.fill("other")
+    wait(page, "() => document.querySelectorAll('.chooser-option').length === 1")
+    page.keyboard.press("Enter")
+    wait(
+        page,
+        "() => /other|verify/.test(document.querySelector('.notice').textContent + (document.querySelector('.stage-message')?.textContent || ''))",
+    )
+    assert "verify" in page.content()
+
+
+def test_an_archive_that_disappears_is_told(open_page, archive):
+    page = opened(open_page, faults_expected=True)
+    archive.rename(archive.with_name("gone"))
+    page.get_by_role("button", name="Arms", exact=True).click()
+    page.click("[data-control=search]")
+    wait(page, "() => document.querySelector('.notice').textContent.includes('archive')")
+    archive.with_name("gone").rename(archive)
+    page.click("[data-control=search]")
+    wait(
+        page,
+        "() => document.querySelector('.notice').textContent === '' && document.querySelectorAll('.result').length > 0",
+    )

@@ -1,0 +1,220 @@
+"""The browse page: every recording, what is known of it, and the dance itself."""
+
+import json
+from asyncio import to_thread
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from fastapi import Request
+from nicegui import ui
+
+from storage.publication import Record
+from storage.schema import JOINTS
+from tasks.rendering.views import SEGMENT_COLORS
+from tasks.retrieval.searching import read_packed_takes
+from viewer.asking import search_address
+from viewer.components import Stage, Takes, give, made, say, tag
+from viewer.holdings import Holdings, matching, performer_of, title_of
+from viewer.pairing import BODY, shown_motion, strip_of
+from viewer.shell import Shell, Site, begin_page
+
+MOST_LISTED = 80
+"""How many recordings are listed at a time. More are found by typing."""
+_MOST_DOUBTS = 40
+"""How many stretches of doubtful frames are listed."""
+STAGES = ("silhouettes", "voxels", "labels", "body", "pose", "motion")
+"""The stages whose state is shown, in their order."""
+EXPORTS = ("bvh", "trc", "c3d", "csv", "glb")
+"""The kinds of file in which a take's joints are offered."""
+
+
+async def browse_page(site: Site, request: Request) -> None:
+    """Build the page for one visitor."""
+    shell = begin_page(site, request, "browse")
+    page = BrowsePage(site.holdings, shell)
+    page.build(request.query_params)
+    await ui.context.client.connected()
+    with shell.telling():
+        await page.begin(
+            request.query_params.get("take", ""), request.query_params.get("words", "")
+        )
+
+
+class BrowsePage:
+    """What one visitor sees."""
+
+    def __init__(self, holdings: Holdings, shell: Shell) -> None:
+        self.holdings, self.shell = holdings, shell
+
+    def build(self, values: Mapping[str, str]) -> None:
+        """Build the parts of the page, still empty."""
+        texts = dict(self.shell.texts)
+        with tag("main", classes="browse"):
+            with tag("section", classes="takes-side"):
+                with tag("div", classes="takes-head"):
+                    words = tag(
+                        "input", type="text", value=values.get("words", ""),
+                        placeholder=texts["filter"], aria_label=texts["filter"],
+                        data_control="filter",
+                    )  # fmt: skip
+                    words.on(
+                        "input", lambda e: self.filter(str(e.args)), throttle=0.15,
+                        leading_events=False, js_handler="(e) => emit(e.target.value)",
+                    )  # fmt: skip
+                    self.count = tag("small", texts["opening"], aria_live="polite")
+                self.takes = made(Takes, takes=[], chosen="", texts=texts)
+                self.takes.on("choose", lambda e: self.choose(e.args["take"]))
+            with tag("section", classes="shown"):
+                show = {"single": True, "voxels": values.get("voxels")}
+                with tag("div", classes="main-area"):
+                    self.stage = made(
+                        Stage,
+                        score=None,
+                        body=BODY,
+                        texts=texts,
+                        show=show,
+                        segments=SEGMENT_COLORS.tolist(),
+                    )
+                self.about = tag("div", classes="about")
+
+    async def begin(self, take: str, words: str) -> None:
+        """List the recordings, and show one."""
+        first = await self.filter(words)
+        _, damaged = await to_thread(self.holdings.records)
+        self.shell.tell(" ".join(list(damaged.values())[:3]))
+        if take or first:
+            await self.choose(take or first)
+        else:
+            self.shell.tell(self.shell.texts["empty_archive"])
+
+    async def filter(self, words: str) -> str:
+        """List the recordings in which the words are; return the first one's name."""
+        with self.shell.telling():
+            records, _ = await to_thread(self.holdings.records)
+            found = matching(records, words)
+            rows = await to_thread(self.rows, found[:MOST_LISTED])
+            give(self.takes, takes=rows)
+            text = self.shell.text("recordings", count=f"{len(found):,}")
+            if len(found) > len(rows):
+                text += " · " + self.shell.text("more", count=f"{len(found) - len(rows):,}")
+            say(self.count, text if found else self.shell.texts["none_found"])
+            ui.run_javascript(f"window.shosa?.setAddress({json.dumps({'words': words or None})})")
+            return found[0].take if found else ""
+        return ""
+
+    def rows(self, records: list[Record]) -> list[dict[str, Any]]:
+        """Return the rows of the list."""
+        packed, _ = read_packed_takes(self.holdings.archive.place, records)
+        by_name = {take.name: take for take in packed}
+        return [
+            {
+                "take": record.take,
+                "title": title_of(record),
+                "performer": performer_of(record),
+                "seconds": f"{record.frames / record.rate_hz:.0f}",
+                "kind": self.shell.texts["filmed"]
+                if "voxels" in record.stages
+                else record.source["kind"].upper(),
+                "strip": strip_of(by_name.get(record.take), 0, record.frames - 1),
+            }
+            for record in records
+        ]
+
+    async def choose(self, name: str) -> None:
+        """Show a recording."""
+        with self.shell.telling():
+            motion = await to_thread(self.holdings.motion, name)
+            take = await to_thread(self.holdings.take, name)
+            doubts = await to_thread(self.doubts, name)
+            give(self.takes, chosen=name)
+            score = {
+                "query": shown_motion(motion, 0, motion.frames - 1),
+                "match": None,
+                "strong": list(range(len(JOINTS))),
+                "marks": doubts,
+            }
+            give(self.stage, score=score)
+            self.show_about(take.record, doubts)
+            ui.run_javascript(f"window.shosa?.setAddress({json.dumps({'take': name})})")
+            self.shell.tell("")
+
+    def doubts(self, name: str) -> list[list[int]]:
+        """Return the stretches of frames of a take that its fit marked as doubtful."""
+        take = self.holdings.take(name)
+        if "pose" not in take.record.stages:
+            return []
+        doubtful = np.asarray(take.pose["doubtful"].values, np.bool_)
+        edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2)
+        return [[int(first), int(end) - 1] for first, end in edges]
+
+    def show_about(self, record: Record, doubts: list[list[int]]) -> None:
+        """Show what is known of a recording."""
+        texts = self.shell.texts
+        self.about.clear()
+        with self.about:
+            with tag("div"):
+                tag("h2", title_of(record))
+                with tag("dl"):
+                    facts = {
+                        texts["take"]: record.take,
+                        texts[
+                            "length"
+                        ]: f"{record.frames:,} · {record.frames / record.rate_hz:.1f} s "
+                        f"· {record.rate_hz:g} Hz",
+                        texts["made_from"]: f"{record.source['kind']}, {record.source['name']}",
+                        **{k: v for k, v in record.metadata.items() if k != "title"},
+                        texts[
+                            "version"
+                        ]: f"{record.number}, {record.published[:16].replace('T', ' ')}",
+                    }
+                    for name, value in facts.items():
+                        tag("dt", str(name))
+                        tag("dd", str(value))
+            with tag("div"):
+                tag("h2", texts["stages"])
+                with tag("div", classes="stages"):
+                    for stage in STAGES if record.source["kind"] == "capture" else ("motion",):
+                        tag("span", stage, "done" if stage in record.stages else "not")
+                missing = [joint for joint in JOINTS if joint not in record.joints_present]
+                if missing and "motion" in record.stages:
+                    tag("small", self.shell.text("missing", joints=", ".join(missing)))
+                if doubts:
+                    tag("h2", self.shell.text("doubtful", count=sum(b - a + 1 for a, b in doubts)))
+                    with tag("div", classes="links"):
+                        for first, last in doubts[:_MOST_DOUBTS]:
+                            text = f"{first}-{last}" if first != last else f"{first}"
+                            shown = tag("button", text, "plain", data_doubt=str(first))
+                            shown.on("click", js_handler=f"() => window.shosa.seekFrame({first})")
+                tag("h2", texts["go_on"])
+                self.show_links(record)
+            with tag("div"):
+                tag("h2", texts["said"])
+                if record.notes:
+                    with tag("ul"):
+                        for note in record.notes:
+                            tag("li", note)
+                else:
+                    tag("small", texts["nothing_said"])
+
+    def show_links(self, record: Record) -> None:
+        """Show where one goes from here."""
+        texts, name = self.shell.texts, quote(record.take)
+        with tag("div", classes="links"):
+            if "motion" in record.stages:
+                long = min(record.frames - 1, round(2 * record.rate_hz))
+                start = (record.frames - 1 - long) // 2
+                address = search_address(record.take, start, start + long)
+                tag("a", texts["search_like"], href=address, data_link="search")
+            if "voxels" in record.stages:
+                tag("a", texts["correct_body"], href=f"/body?take={name}", data_link="body")
+            if "motion" in record.stages:
+                for kind in EXPORTS:
+                    tag(
+                        "a",
+                        kind.upper(),
+                        href=f"/export/{name}.{kind}",
+                        download="",
+                        data_link=kind,
+                    )

@@ -1,0 +1,366 @@
+"""The search page: mark a clip, choose joints, press Search, watch query and match dance."""
+
+import json
+from asyncio import to_thread
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from fastapi import Request
+from nicegui import ui
+
+from storage.schema import JOINTS
+from tasks.rendering.views import SEGMENT_COLORS
+from tasks.retrieval.answering import Answer
+from tasks.retrieval.normalization import PARTS
+from tasks.retrieval.searching import Match
+from viewer.answers import find_others
+from viewer.asking import Asking, read_address
+from viewer.components import (
+    Chooser,
+    Curves,
+    Results,
+    Stage,
+    Timeline,
+    give,
+    made,
+    tag,
+)
+from viewer.holdings import FILE, Holdings, Motion, matching, performer_of, title_of
+from viewer.pairing import BODY, listed, pair, shown_motion
+from viewer.search_form import SearchForm
+from viewer.shell import Shell, Site, begin_page
+
+MOST_LISTED = 60
+"""How many recordings the chooser shows at a time. More are found by typing."""
+FIRST_CLIP_S = 2.0
+"""How long the clip is that a recording is first shown with [s]. A movement of a dance."""
+
+TELLING_JOINTS = ("RWrist", "LWrist", "RFoot", "LFoot", "Head")
+"""Of which compared joint the curves are shown unasked: the first of these."""
+
+
+async def search_page(site: Site, request: Request) -> None:
+    """Build the page for one visitor."""
+    shell = begin_page(site, request, "search")
+    asking, strange = read_address(request.query_params)
+    page = SearchPage(site.holdings, shell, asking)
+    page.build(request.query_params)
+    await ui.context.client.connected()
+    with shell.telling():
+        await page.begin(strange)
+
+
+class SearchPage:
+    """What one visitor sees, and has asked."""
+
+    def __init__(self, holdings: Holdings, shell: Shell, asking: Asking) -> None:
+        self.holdings, self.shell, self.asking = holdings, shell, asking
+        self.motion: Motion | None = None
+        self.matches: list[Match] = []
+        self.asked = asking
+        self.busy = False
+
+    def build(self, values: Mapping[str, str]) -> None:
+        """Build the parts of the page, still empty."""
+        texts = dict(self.shell.texts)
+        show = {
+            "mode": values.get("mode"), "voxels": values.get("voxels"),
+            "pinned": values.get("pinned") != "no", "warped": values.get("warped") != "no",
+            "follow": values.get("follow") != "no",
+        }  # fmt: skip
+        joint = values.get("joint") if values.get("joint") in JOINTS else None
+        with tag("main", classes="search"):
+            with tag("section", classes="controls"):
+                with tag("div", classes="controls-scroll"):
+                    tag("h2", texts["step_recording"])
+                    self.chooser = made(
+                        Chooser, chosen={"title": ""}, options=[], more=0, texts=texts
+                    )
+                    self.chooser.on("filter", lambda e: self.filter(e.args["words"]))
+                    self.chooser.on("choose", lambda e: self.choose(e.args["take"]))
+                    self.chooser.on("file", lambda e: self.choose_file(e.args["key"]))
+                    self.chooser.on("fault", lambda e: self.shell.tell(e.args["why"]))
+                    with tag("h2", texts["step_clip"]):
+                        self.length = tag("span")
+                    self.clip_place = tag("div", title=texts["drag"])
+                    self.form = SearchForm(self.shell, self.asking, self.changed)
+                with tag("div", classes="controls-foot"):
+                    self.press = tag(
+                        "button", texts["search_button"], "main", data_control="search"
+                    )
+                    self.press.on("click", self.search, args=[])
+            with tag("section", classes="main-area"):
+                self.stage = made(
+                    Stage,
+                    score=None,
+                    body=BODY,
+                    texts=texts,
+                    show=show,
+                    segments=SEGMENT_COLORS.tolist(),
+                )
+            with tag("section", classes="below"):
+                self.curves = made(Curves, score=None, body=BODY, texts=texts, chosen=joint)
+                self.joint_chosen = joint is not None
+                self.curves.on("joint", self.keep_joint, args=[])
+            with tag("section", classes="found") as self.found:
+                with tag("div", classes="found-head"):
+                    tag("h2", texts["results"])
+                    self.summary = tag("span", aria_live="polite")
+                    self.detail = tag("small")
+                    self.waiting = tag("div", classes="progress empty")
+                    self.extras = tag("div")
+                self.note = tag("div", texts["opening"], "found-note")
+                self.results = made(Results, matches=[], chosen=0, texts=texts)
+                self.results.on("choose", lambda e: self.open_match(int(e.args["rank"])))
+
+    async def begin(self, strange: Sequence[str]) -> None:
+        """Show what the address asks for."""
+        records, damaged = await to_thread(self.holdings.records)
+        told = []
+        if strange:
+            told.append(self.shell.text("left_out", what=", ".join(strange)))
+        told += list(damaged.values())[:2]
+        danced = [record for record in records if "motion" in record.stages]
+        self.say(self.note, self.shell.texts["before_search"])
+        if not danced:
+            self.shell.tell(" ".join([self.shell.texts["empty_archive"], *told]))
+            return
+        names = {record.take for record in danced}
+        if self.asking.take and self.asking.take not in names:
+            told.append(self.shell.text("unknown_take", take=self.asking.take))
+            self.asking = replace(self.asking, start=None, end=None, searched=False)
+        self.shell.tell(" ".join(told))
+        wanted = self.asking
+        first = self.asking.take if self.asking.take in names else danced[0].take
+        await self.show_motion(await to_thread(self.holdings.motion, first))
+        if wanted.searched:
+            await self.search(rank=wanted.match)
+
+    async def filter(self, words: str) -> None:
+        """Give the chooser the recordings in which the words are."""
+        with self.shell.telling():
+            records, _ = await to_thread(self.holdings.records)
+            found = [r for r in matching(records, words) if "motion" in r.stages]
+            options = [
+                {
+                    "take": record.take,
+                    "title": title_of(record),
+                    "about": self.shell.text(
+                        "about_take",
+                        performer=f"{performer_of(record)} · " if performer_of(record) else "",
+                        take=record.take,
+                        seconds=f"{record.frames / record.rate_hz:.0f}",
+                    ),
+                }
+                for record in found[:MOST_LISTED]
+            ]
+            give(self.chooser, options=options, more=len(found) - len(options))
+
+    async def choose(self, take: str) -> None:
+        """Show another recording."""
+        with self.shell.telling():
+            motion = await to_thread(self.holdings.motion, take)
+            self.shell.tell("")
+            self.asking = replace(self.asking, start=None, end=None)
+            await self.show_motion(motion)
+
+    async def choose_file(self, key: str) -> None:
+        """Show a file that was dropped on the page, and search with the whole of it."""
+        with self.shell.telling():
+            motion = self.holdings.motion(key, FILE)
+            self.shell.tell("")
+            self.asking = replace(self.asking, start=None, end=None)
+            await self.show_motion(motion)
+
+    async def show_motion(self, motion: Motion) -> None:
+        """Show a motion, with the clip that is asked for or a first one."""
+        self.motion = motion
+        last = motion.frames - 1
+        start, end = self.asking.start, self.asking.end
+        if start is None or end is None:
+            long = round(FIRST_CLIP_S * motion.rate_hz)
+            start = 0 if motion.version == FILE else max(0, (last - long) // 2)
+            end = last if motion.version == FILE else min(last, start + long)
+        start = min(start, max(0, last - 1))
+        end = max(min(end, last), min(start + 1, last))
+        is_file = motion.version == FILE
+        self.asking = replace(
+            self.asking, take="" if is_file else motion.name, file=motion.name if is_file else "",
+            start=start, end=end,
+        )  # fmt: skip
+        title = motion.title + (f" — {motion.performer}" if motion.performer else "")
+        give(self.chooser, chosen={"title": title, "take": motion.name})
+        self.clip_place.clear()
+        with self.clip_place:
+            texts = {
+                name: self.shell.texts[name]
+                for name in ("clip_start", "clip_end", "frames", "seconds")
+            }
+            timeline = made(
+                Timeline, motion=shown_motion(motion, start, end), body=BODY, texts=texts
+            )
+            timeline.on("clip", lambda e: self.set_clip(int(e.args["first"]), int(e.args["last"])))
+            timeline.on("fault", lambda e: self.shell.tell(str(e.args["why"])))
+        self.show_query()
+        self.changed(self.asking)
+
+    def set_clip(self, first: int, last: int) -> None:
+        """Take another clip of the recording."""
+        self.asking = replace(self.asking, start=first, end=last)
+        self.show_query()
+        self.changed(self.asking)
+
+    def show_query(self) -> None:
+        """Let the stage dance the clip alone."""
+        motion, start, end = self.motion, self.asking.start, self.asking.end
+        assert motion is not None
+        assert start is not None
+        assert end is not None
+        seconds = f"{(end - start) / motion.rate_hz:.1f}"
+        self.say(self.length, self.shell.text("clip_of", seconds=seconds))
+        self.show(
+            {"query": shown_motion(motion, start, end), "match": None, "strong": self.strong()}
+        )
+
+    def keep_joint(self) -> None:
+        """Keep the joint of the curves, which the visitor has chosen."""
+        self.joint_chosen = True
+
+    def strong(self) -> list[int]:
+        """Return the joints with weight."""
+        return [k for k, joint in enumerate(JOINTS) if self.asking.weight(joint) > 0]
+
+    def changed(self, asking: Asking) -> None:
+        """Take other settings; what is listed is then of another query."""
+        clip_kept = replace(asking, start=self.asking.start, end=self.asking.end)
+        parts_changed = asking.part != self.asking.part or asking.weights != self.asking.weights
+        self.asking = replace(
+            clip_kept, take=self.asking.take, file=self.asking.file, searched=False, match=1
+        )
+        self.form.asking = self.asking
+        if parts_changed and self.motion is not None:
+            self.show_query()
+        self.write_address()
+        same = replace(self.asked, searched=False, match=1) == self.asking
+        if self.matches and not same:
+            self.found.classes("outdated")
+            self.say(self.note, self.shell.texts["outdated"])
+        elif self.matches:
+            self.found.classes(remove="outdated")
+            self.say(self.note, "")
+
+    async def search(self, _event: Any = None, *, rank: int = 1) -> None:
+        """Search the archive, and open the best match."""
+        if self.busy or self.motion is None:
+            return
+        self.busy = True
+        asking, motion = self.asking, self.motion
+        try:
+            self.shell.tell("")
+            records, _ = await to_thread(self.holdings.records)
+            self.press.props("disabled")
+            self.waiting.classes(remove="empty")
+            self.say(self.summary, self.shell.text("searching", count=f"{len(records):,}"))
+            self.say(self.detail, "")
+            self.say(self.note, "")
+            clip = (asking.start or 0, asking.end or 0)
+            answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
+            self.asked = self.asking = replace(asking, searched=True, match=rank)
+            await self.list_matches(answer)
+        except Exception as error:
+            self.say(self.summary, "")
+            self.shell.tell_fault(error)
+        finally:
+            self.busy = False
+            self.waiting.classes("empty")
+            self.press.props(remove="disabled")
+
+    async def list_matches(self, answer: Answer) -> None:
+        """List what was found, and open one."""
+        place = self.holdings.archive.place
+        rows = await to_thread(listed, place, answer.matches, answer.records)
+        self.matches = answer.matches
+        self.found.classes(remove="outdated")
+        seconds = f"{answer.seconds:.1f}"
+        takes = len({match.take for match in answer.matches})
+        self.say(
+            self.summary,
+            self.shell.text("summary", matches=len(rows), takes=takes, seconds=seconds)
+            if len(rows) != 1
+            else self.shell.text("summary_one", seconds=seconds),
+        )
+        self.say(
+            self.detail,
+            self.shell.text(
+                "searched", takes=f"{answer.searched_takes:,}", frames=f"{answer.searched_frames:,}"
+            ),
+        )
+        self.extras.clear()
+        with self.extras:
+            if rows:
+                address = f"/report?{self.asked.report_address()}"
+                tag(
+                    "a", self.shell.texts["report"], href=address, download="",
+                    title=self.shell.texts["report_title"], data_link="report",
+                )  # fmt: skip
+            if answer.skipped:
+                with tag("details"):
+                    tag("summary", self.shell.text("skipped", count=len(answer.skipped)))
+                    for take, why in list(answer.skipped.items())[:50]:
+                        tag("div", f"{take}: {why}", "soft")
+        give(self.results, matches=rows, chosen=0)
+        self.say(self.note, "" if rows else self.advice())
+        if rows:
+            await self.open_match(min(self.asking.match, len(rows)))
+        else:
+            self.show_query()
+        self.write_address()
+
+    def advice(self) -> str:
+        """Return what to loosen where nothing was found."""
+        names = ["advice_threshold"] if self.asking.threshold is not None else []
+        names += ["advice_part"] if set(PARTS[self.asking.part]) == set(JOINTS) else []
+        names += ["advice_shorter", "advice_more"]
+        said = self.shell.texts["and"].join(self.shell.texts[name] for name in names)
+        return self.shell.text("nothing", advice=said)
+
+    async def open_match(self, rank: int) -> None:
+        """Show one match with the query that found it."""
+        if not 1 <= rank <= len(self.matches) or self.motion is None:
+            return
+        with self.shell.telling():
+            asked = self.asked
+            motion = (
+                self.holdings.motion(asked.file, FILE)
+                if asked.file
+                else await to_thread(self.holdings.motion, asked.take)
+            )
+            clip = (asked.start or 0, asked.end or 0)
+            give(self.results, chosen=rank)
+            match = self.matches[rank - 1]
+            score = await to_thread(pair, self.holdings, motion, clip, match, asked.settings())
+            self.show(score)
+            self.asking = replace(self.asking, match=rank, searched=True)
+            self.write_address()
+
+    def show(self, score: dict[str, Any]) -> None:
+        """Give the stage and the curves what they show."""
+        give(self.stage, score=score)
+        if not self.joint_chosen:
+            compared = {JOINTS[k] for k in score["strong"]}
+            joint = next(
+                (j for j in TELLING_JOINTS if j in compared), min(compared, default="Head")
+            )
+            give(self.curves, chosen=joint)
+        give(self.curves, score=score)
+
+    def write_address(self) -> None:
+        """Write what is asked into the address, so that it can be shared."""
+        ui.run_javascript(f"window.shosa?.setAddress({json.dumps(self.asking.address())})")
+
+    def say(self, element: ui.element, text: str) -> None:
+        """Give an element a text; without one it takes no room."""
+        element._text = text
+        element.classes(remove="empty") if text else element.classes("empty")
+        element.update()

@@ -1,0 +1,32 @@
+import { fill } from "shosa";
+
+// The matches of a search, the nearest first: one button each; arrow keys go to the next.
+export default {
+  template: `
+  <div class="results" role="listbox" :aria-label="texts.results" tabindex="0" @keydown="press">
+    <button v-for="m in matches" :key="m.rank" class="result" role="option" tabindex="-1" :data-rank="m.rank" :aria-selected="m.rank===chosen" @click="choose(m.rank)">
+      <span class="rank">{{ m.rank }}</span>
+      <svg class="poses" viewBox="0 0 96 40" aria-hidden="true"><path :d="m.strip"></path></svg>
+      <span class="what"><b>{{ m.title }}</b><small>{{ m.performer }}<template v-if="m.mirrored"> · {{ texts.mirrored }}</template></small><small>{{ m.first }}–{{ m.last }} · {{ m.seconds }} s</small></span>
+      <span class="far"><i :style="{width: m.share + '%'}"></i>{{ m.distance }}</span>
+    </button>
+  </div>`,
+  props: { matches: Array, chosen: Number, texts: Object },
+  watch: { chosen() { this.$nextTick(() => this.$el.querySelector('[aria-selected="true"]')?.scrollIntoView({ block: "nearest" })); } },
+  mounted() {
+    this.key = (event) => { // up and down go from match to match wherever nothing else wants them
+      if (!["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && !event.target.closest?.("[role=slider],[role=listbox],[role=combobox]")) this.press(event);
+    };
+    window.addEventListener("keydown", this.key);
+  },
+  unmounted() { window.removeEventListener("keydown", this.key); },
+  methods: {
+    choose(rank) { if (rank !== this.chosen) this.$emit("choose", { rank }); },
+    press(event) {
+      const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+      if (!by || !this.matches.length) return;
+      event.preventDefault();
+      this.choose(Math.max(1, Math.min(this.matches.length, (this.chosen || 0) + by)));
+    },
+  },
+};

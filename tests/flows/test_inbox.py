@@ -224,7 +224,7 @@ def test_a_capture_is_digitized_by_one_run_of_its_own_that_is_followed(
 
     started = []
 
-    def start(deployment, *, idempotency_key, parameters, **_):
+    def start(_deployment, *, idempotency_key, parameters, **_):
         with get_client(sync_client=True) as client:
             run = client.create_flow_run(inbox.scan_inbox, state=Running())
         started.append((run.id, idempotency_key, parameters))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tests.figures.dances import ANSWER, HOSTILE, SHARED, add_dance, lively
+from tests.figures.dances import ANSWER, HOSTILE, SHARED, SURFACE, add_dance, lively
 from tests.viewer.conftest import poll, poses, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled]
@@ -245,8 +245,7 @@ def test_a_filmed_body_dances_beside_the_figure(open_page):
     page.click("[data-control=play]")
     page.keyboard.press("End")
     wait(page, "() => window.shosa.stage.bodies[0].frame === 50")
-    surface = 6 * 32 * 6 - 4 * 30 * 4
-    assert page.evaluate("() => window.shosa.stage.bodies[0].count") == surface
+    assert page.evaluate("() => window.shosa.stage.bodies[0].count") == SURFACE
     page.select_option("[data-control=voxels]", "segments")
     wait(page, "() => window.shosa.stage.bodies[0].colors === 'segments'")
     page.select_option("[data-control=voxels]", "off")

@@ -3,6 +3,7 @@ import { APART, compose, fill, headOf, linesOf, openTrack, openVoxels, player, s
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 const FILMS = ["video/mp4;codecs=avc1.42E01F", "video/mp4;codecs=vp9", "video/mp4", "video/webm;codecs=vp9", "video/webm"];
+const REST_MS = 500; // stillness before and after a film
 const MODES = ["overlay", "side", "query"];
 const BODY_ASIDE = 1.35; // metres from a figure to its colored body
 const TALL_M = 2.35, REACH_M = 1.5; // metres that are in the picture: up, and about each figure
@@ -287,9 +288,13 @@ export default {
       const recorder = new MediaRecorder(canvas.captureStream(30), { mimeType: kind, videoBitsPerSecond: 8e6 }), parts = [];
       recorder.ondataavailable = (event) => parts.push(event.data);
       const done = new Promise((resolve) => { recorder.onstop = resolve; });
-      player.loop = false; player.seek(0); player.playing = true; player.tell();
-      recorder.start();
+      const rest = () => { this.wake(); return new Promise((resolve) => setTimeout(resolve, REST_MS)); };
+      player.loop = false; player.playing = false; player.seek(0);
+      recorder.start(REST_MS);
+      await rest();
+      player.playing = true; player.tell();
       await new Promise((resolve) => { const off = player.on(() => { if (!player.playing) { off(); resolve(); } }); });
+      await rest(); // the last frame is in the film too
       recorder.stop();
       await done;
       player.loop = this.loop;

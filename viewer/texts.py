@@ -138,6 +138,13 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "follow": ("Follow", "追う"),
     "front": ("Front", "正面"),
     "front_title": ("Look from the front again (F)", "正面に戻す (F)"),
+    "film": ("Film", "動画"),
+    "film_title": (
+        "Play once and save what is on the stage as a film",
+        "1 回再生して動画として保存",
+    ),
+    "filming": ("Filming …", "撮影中 …"),
+    "no_film": ("This browser cannot save films.", "このブラウザでは動画を保存できません。"),
     "query_word": ("query", "質問"),
     "match_word": ("match", "結果"),
     "play": ("Play or pause", "再生・停止"),

@@ -45,7 +45,8 @@ def write_joint_glb(
     time_s = (np.arange(len(shown)) * step / rate_hz).astype(np.float32)
     nodes = []
     place = {name: _filled(shown[:, k]) for k, name in enumerate(names)}
-    there = {name: np.isfinite(shown[:, k]).all(axis=1) for k, name in enumerate(names)}
+    seen = np.asarray(np.isfinite(shown).all(axis=2))
+    there = {name: seen[:, k] for k, name in enumerate(names)}
     for name in names:
         tracks = [GlbTrack("translation", time_s, place[name].astype(np.float32))]
         if not there[name].all():

@@ -28,7 +28,11 @@ SHARED = (60, 119)
 """The frames of the take "asked" whose feet are those of `ANSWER` too."""
 ANSWER = (150, 209)
 HOSTILE = '<script>document.title = "taken over"</script><img src=x onerror=alert(1)>'
-SHAPE, VOXEL_M, ORIGIN_M = (16, 34, 12), 0.05, (-0.4, 0.025, -0.3)
+SHAPE, VOXEL_M, ORIGIN_M = (22, 34, 12), 0.05, (-0.45, 0.025, -0.3)
+WIDE, TALL, DEEP = 14, 32, 6
+"""Size of the box that was filmed [voxels]."""
+VOXELS = WIDE * TALL * DEEP
+SURFACE = VOXELS - (WIDE - 2) * (TALL - 2) * (DEEP - 2)
 _FEET = [k for k, name in enumerate(JOINTS) if name[1:] in ("Ankle", "Heel", "Foot")]
 _REST = [k for k in range(len(JOINTS)) if k not in _FEET]
 
@@ -100,7 +104,7 @@ def box(frame):
     """The voxels of a frame: a box as tall as a body that goes a voxel to +x each ten frames."""
     occupied = np.zeros(SHAPE, np.bool_)
     first = 2 + frame // 10
-    occupied[first : first + 6, :32, 3:9] = True
+    occupied[first : first + WIDE, :TALL, 3 : 3 + DEEP] = True
     return occupied
 
 

@@ -6,6 +6,8 @@ import shutil
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import pytest
 
@@ -16,7 +18,11 @@ FLAGS = (
     "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
 """WebGL by the processor: machines of the tests have no graphics card."""
-HANGING_MS = (int(os.environ.get("HANG", 0)) or HANGING_S) * 1000
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+"""The system's own, none that is downloaded."""
+HANGING_MS = HANGING_S * 1000
 
 
 @pytest.fixture(scope="module")
@@ -30,42 +36,47 @@ def archive(tmp_path_factory):
 @pytest.fixture(scope="module")
 def viewer(archive):
     """The address of a viewer of the archive."""
-    with open_viewer(archive) as address:
-        yield address
+    with open_viewer(archive) as opened:
+        yield opened.url
 
 
-class open_viewer:  # noqa: N801 - used as a function
+@dataclass(frozen=True)
+class Viewer:
     """A viewer in a process of its own, as `shosa view` starts it."""
 
-    def __init__(self, location, *options):
-        command = [sys.executable, "-m", "flows.command.main", "view", str(location)]
-        self.process = subprocess.Popen(
-            [*command, "--port", "0", "--no-browser", *options],
-            cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+    url: str
+    process: subprocess.Popen
 
-    def __enter__(self):
-        assert select.select([self.process.stdout], [], [], HANGING_S)[0]
-        return self.process.stdout.readline().strip().rstrip("/")
 
-    def __exit__(self, *_):
-        self.process.terminate()
-        self.process.wait(HANGING_S)
-        self.process.stdout.close()
+@contextmanager
+def open_viewer(location):
+    """Start a viewer of an archive, and end it."""
+    command = [sys.executable, "-m", "flows.command.main", "view", str(location)]
+    process = subprocess.Popen(
+        [*command, "--port", "0", "--no-browser"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        assert select.select([process.stdout], [], [], HANGING_S)[0]
+        yield Viewer(process.stdout.readline().strip().rstrip("/"), process)
+    finally:
+        process.terminate()
+        process.wait(HANGING_S)
+        process.stdout.close()
 
 
 @pytest.fixture(scope="module")
 def browser():
     """A Chromium; the tests that need one are skipped where there is none."""
-    found = next(
-        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-    )
-    if found is None:
+    if CHROMIUM is None:
         pytest.skip("these tests need Chromium: apt-get install chromium")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield browser
         browser.close()
 

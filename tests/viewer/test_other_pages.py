@@ -13,7 +13,7 @@ from flows.command.main import BAD_INPUT, DONE, RUN_FAILED, WRONG_USE, main
 from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tests.conftest import ROOT
-from tests.figures.dances import SHARED
+from tests.figures.dances import SHARED, VOXELS
 from tests.viewer.conftest import wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled]
@@ -73,7 +73,7 @@ def test_a_joint_is_dragged_the_labels_follow_and_the_model_is_saved(open_page, 
     assert saved.frame == 20
     np.testing.assert_allclose(saved.position, before, atol=1e-3)  # the boundary moved, no joint
     assert saved.label is not None
-    assert len(saved.label) == 6 * 32 * 6
+    assert len(saved.label) == VOXELS
     (capture / "initial.json").write_text('{"joints": {}}')  # somebody else
     page.click("[data-control=save]")
     wait(page, "() => document.querySelector('[data-saved]').textContent.includes('somebody else')")

@@ -1,17 +1,19 @@
 """The search page in a browser: what is drawn, after each thing that a visitor can do."""
 
+import av
 import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tests.figures.dances import ANSWER, HOSTILE, SHARED, add_dance, lively
-from tests.viewer.conftest import poll, poses, wait
+from tests.figures.dances import ANSWER, HOSTILE, SHARED, SURFACE, add_dance, lively
+from tests.viewer.conftest import HANGING_MS, poll, poses, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled]
 
 FEET = [JOINTS.index(side + end) for side in "RL" for end in ("Heel", "Foot")]
 HANDS = [JOINTS.index(side + "Fin") for side in "RL"]
 LINK = f"/?take=asked&clip={SHARED[0]}-{SHARED[1]}&part=feet&search=yes"
+DRAWN = "() => window.shosa?.stage?.figures?.[0]?.pose"
 PLAYING = "() => window.shosa?.stage?.figures?.length === 2 && window.shosa.stage.figures.every(f => f.pose)"
 
 
@@ -66,7 +68,7 @@ def test_a_first_visit_reaches_the_right_match_by_feet_only(open_page):
 
 def test_dragging_an_end_of_the_clip_shows_the_pose_and_takes_the_frame(open_page):
     page = open_page("/?take=asked&clip=60-119")
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     bar = page.locator(".timeline-bar").bounding_box()
     handle = page.locator("[data-end=last]").bounding_box()
     y = handle["y"] + 10
@@ -245,12 +247,22 @@ def test_a_filmed_body_dances_beside_the_figure(open_page):
     page.click("[data-control=play]")
     page.keyboard.press("End")
     wait(page, "() => window.shosa.stage.bodies[0].frame === 50")
-    surface = 6 * 32 * 6 - 4 * 30 * 4
-    assert page.evaluate("() => window.shosa.stage.bodies[0].count") == surface
+    assert page.evaluate("() => window.shosa.stage.bodies[0].count") == SURFACE
     page.select_option("[data-control=voxels]", "segments")
     wait(page, "() => window.shosa.stage.bodies[0].colors === 'segments'")
     page.select_option("[data-control=voxels]", "off")
     wait(page, "() => window.shosa.stage.bodies.length === 0")
+
+
+def test_what_is_on_the_stage_is_saved_as_a_film(open_page):
+    page = open_page("/?take=asked&clip=60-75")
+    wait(page, DRAWN)
+    with page.expect_download(timeout=HANGING_MS) as download:
+        page.click("[data-control=film]")
+    with av.open(download.value.path()) as film:
+        frames = list(film.decode(video=0))
+    assert len(frames) > 1
+    assert len(np.unique(frames[0].to_ndarray(format="rgb24").reshape(-1, 3), axis=0)) > 20
 
 
 def test_a_link_opens_what_was_shared(open_page):
@@ -262,7 +274,7 @@ def test_a_link_opens_what_was_shared(open_page):
 
 def test_a_dropped_file_is_searched_with(open_page, write_walk, tmp_path):
     page = open_page()
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     page.set_input_files("input[type=file]", write_walk(tmp_path / "walk.trc", seed=7))
     wait(page, "() => window.shosa.score.query.version === 'file'")
     page.click("[data-control=search]")
@@ -274,14 +286,14 @@ def test_a_file_that_is_none_is_told(open_page, tmp_path):
     bad = tmp_path / "bad.bvh"
     bad.write_text("no motion")
     page = open_page(faults_expected=True)
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     page.set_input_files("input[type=file]", bad)
     wait(page, "() => document.querySelector('.notice').textContent.includes('bvh')")
 
 
 def test_language_and_theme_are_changed_and_kept(open_page):
     page = open_page()
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     light = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
     page.click("[data-control=theme]")
     wait(page, "light => getComputedStyle(document.body).backgroundColor !== light", light)
@@ -308,7 +320,7 @@ def test_nothing_found_says_what_to_loosen(open_page):
 )  # fmt: skip
 def test_an_address_that_means_nothing_is_told_and_a_take_shown(open_page, address, told):
     page = open_page(address)
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     assert told in page.locator(".notice").inner_text()
 
 
@@ -335,14 +347,14 @@ def test_without_webgl_flat_figures_are_drawn_and_it_is_said(viewer, open_page):
 def test_a_hostile_title_stays_a_title(open_page, archive):
     add_dance(archive, "hostile", lively(5, 90), title=HOSTILE)
     page = open_page("/?take=hostile")
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     assert "taken over" not in page.title()
     assert page.get_by_role("combobox").first.input_value().startswith(HOSTILE)
 
 
 def test_two_visitors_do_not_disturb_each_other_while_a_take_is_replaced(open_page, archive):
     pages = [opened(open_page), open_page("/?take=other&clip=10-60")]
-    wait(pages[1], "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(pages[1], DRAWN)
     add_dance(archive, "answer", lively(12, 280))
     pages[0].keyboard.press("End")
     assert poll(lambda: drawn_frames(pages[0])[0] == SHARED[1])  # goes on with what it has
@@ -359,7 +371,7 @@ def test_a_damaged_take_is_told_and_the_others_searched(open_page, archive):
         if "position" in str(file):
             file.write_bytes(b"damaged")
     page = open_page("/?take=asked&clip=60-119", faults_expected=True)
-    wait(page, "() => window.shosa?.stage?.figures?.[0]?.pose")
+    wait(page, DRAWN)
     chooser = page.get_by_role("combobox", name="Recording")
     chooser.click()
     chooser.fill("other")

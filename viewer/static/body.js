@@ -188,7 +188,7 @@ export default {
       if (!answer.ok) { this.told = await answer.text(); return; }
       const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(await answer.blob()), download: "initial.json" });
       link.click();
-      URL.revokeObjectURL(link.href);
+      setTimeout(() => URL.revokeObjectURL(link.href), 60000); // the browser reads it in its own time
     },
     openFrame(text) { if (/^\d+$/.test(text)) location.href = `/body?take=${encodeURIComponent(this.content.motion.take)}&frame=${Number(text)}`; },
     openTake(take) { location.href = `/body?take=${encodeURIComponent(take)}`; },

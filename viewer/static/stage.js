@@ -1,10 +1,12 @@
 import { THREE, OrbitControls } from "nicegui-scene";
-import { compose, fill, headOf, linesOf, openTrack, openVoxels, player, setAddress, setBody, StickCanvas } from "shosa";
+import { APART, compose, fill, headOf, linesOf, openTrack, openVoxels, player, setAddress, setBody, StickCanvas } from "shosa";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
+const FILMS = ["video/mp4;codecs=avc1.42E01F", "video/mp4;codecs=vp9", "video/mp4", "video/webm;codecs=vp9", "video/webm"];
+const REST_MS = 500; // stillness before and after a film
 const MODES = ["overlay", "side", "query"];
 const BODY_ASIDE = 1.35; // metres from a figure to its colored body
-const ROOM = { overlay: 3.5, side: 4.1, query: 3.5 }; // metres from the camera to the middle
+const TALL_M = 2.35, REACH_M = 1.5; // metres that are in the picture: up, and about each figure
 const FIELD_OF_VIEW = 36; // degrees
 const AHEAD_S = 4; // seconds of frames that are asked for before they are shown
 
@@ -124,6 +126,7 @@ export default {
       <label class="pick" v-if="score?.match"><input type="checkbox" data-control="warped" v-model="warped" @change="changed"> <span :title="texts.warped_title">{{ texts.warped }}</span></label>
       <label class="pick"><input type="checkbox" data-control="follow" v-model="follow" @change="changed"> {{ texts.follow }}</label>
       <button class="plain" data-control="front" @click="home" :title="texts.front_title">{{ texts.front }}</button>
+      <button class="plain" data-control="film" v-if="score" :disabled="filming" @click="film" :title="texts.film_title">{{ filming ? texts.filming : texts.film }}</button>
       <span class="legend"><i class="dot query"></i>{{ score?.match ? texts.query_word : score?.query?.title }}<template v-if="score?.match && mode!=='query'"><i class="dot match"></i>{{ texts.match_word }}</template></span>
     </div>
     <div class="stage-message" v-if="message" role="status">{{ message }}</div>
@@ -142,7 +145,7 @@ export default {
     const show = this.show || {};
     return {
       modes: MODES, speeds: SPEEDS, mode: MODES.includes(show.mode) ? show.mode : "overlay", voxels: show.voxels || "color", pinned: show.pinned !== false,
-      warped: show.warped !== false, follow: show.follow !== false, speed: 1, loop: true, playing: false, message: "", waiting: false,
+      warped: show.warped !== false, follow: show.follow !== false, speed: 1, loop: true, playing: false, message: "", waiting: false, filming: false,
     };
   },
   computed: { filmed() { return Boolean(this.score?.query?.voxels || this.score?.match?.voxels); } },
@@ -222,9 +225,15 @@ export default {
     home() {
       this.wake();
       if (!this.camera) return;
-      const far = ROOM[this.mode] * (this.bodyShown() ? 1.35 : 1), wide = this.camera.aspect < 1 ? 1.5 : 1;
-      this.orbit.target.set(0, 0.88, 0);
-      this.camera.position.set(0.5, 0.45, 1).normalize().multiplyScalar(far * wide).add(this.orbit.target);
+      const aside = this.mode === "side" && this.score?.match ? APART : 0, at = [-aside, aside]; // all that is shown is in the picture
+      if (this.bodyShown() && this.score.query.joints !== false) {
+        if (this.score.query.voxels) at.push(-aside - BODY_ASIDE);
+        if (this.score.match?.voxels && this.mode !== "query") at.push(aside + BODY_ASIDE);
+      }
+      const low = Math.min(...at), high = Math.max(...at), half = Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
+      const far = Math.max(TALL_M / (2 * half), (high - low + REACH_M) / (2 * half * this.camera.aspect));
+      this.orbit.target.set((low + high) / 2, 0.88, 0);
+      this.camera.position.set(0.42, 0.36, 1).normalize().multiplyScalar(far).add(this.orbit.target);
       this.middle = { x: 0, z: 0 };
       this.orbit.update();
     },
@@ -270,6 +279,29 @@ export default {
         mode: this.wanted === "overlay" ? null : this.wanted, voxels: this.voxels === "color" ? null : this.voxels,
         pinned: this.pinned ? null : "no", warped: this.warped ? null : "no", follow: this.follow ? null : "no",
       });
+    },
+    // Film the stage while the clip is played once, and save the film.
+    async film() {
+      const canvas = this.$refs.view.querySelector("canvas"), kind = FILMS.find((each) => window.MediaRecorder?.isTypeSupported(each));
+      if (!kind) { this.message = this.texts.no_film; return; }
+      this.filming = true;
+      const recorder = new MediaRecorder(canvas.captureStream(30), { mimeType: kind, videoBitsPerSecond: 8e6 }), parts = [];
+      recorder.ondataavailable = (event) => parts.push(event.data);
+      const done = new Promise((resolve) => { recorder.onstop = resolve; });
+      const rest = () => { this.wake(); return new Promise((resolve) => setTimeout(resolve, REST_MS)); };
+      player.loop = false; player.playing = false; player.seek(0);
+      recorder.start(REST_MS);
+      await rest();
+      player.playing = true; player.tell();
+      await new Promise((resolve) => { const off = player.on(() => { if (!player.playing) { off(); resolve(); } }); });
+      await rest(); // the last frame is in the film too
+      recorder.stop();
+      await done;
+      player.loop = this.loop;
+      this.filming = false;
+      const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob(parts, { type: kind })), download: `${this.score.query.take}.${kind.includes("mp4") ? "mp4" : "webm"}` });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60000); // the browser reads it in its own time
     },
     setSpeed() { player.speed = this.speed; },
     seek(event) { player.playing = false; player.seek((player.length * event.target.value) / 1000); },
@@ -331,7 +363,7 @@ export default {
     followDancer(pose) {
       if (!this.orbit) return;
       const i = 3 * this.body.joints.indexOf("RHip"), k = 3 * this.body.joints.indexOf("LHip");
-      const to = this.follow && pose ? { x: (pose[i] + pose[k]) / 2 + (this.mode === "side" ? 0.75 : 0), z: (pose[i + 2] + pose[k + 2]) / 2 } : { x: 0, z: 0 };
+      const to = this.follow && pose ? { x: (pose[i] + pose[k]) / 2 + (this.mode === "side" && this.score.match ? APART : 0), z: (pose[i + 2] + pose[k + 2]) / 2 } : { x: 0, z: 0 };
       if (!Number.isFinite(to.x + to.z)) return;
       const dx = (to.x - this.middle.x) * 0.15, dz = (to.z - this.middle.z) * 0.15; // a calm camera
       this.middle.x += dx; this.middle.z += dz;

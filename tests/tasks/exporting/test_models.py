@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from storage.schema import JOINTS
 from tasks.exporting.models import export_voxel_clip, write_joint_glb
 from tests.conftest import swaying_body
-from tests.figures.dances import ORIGIN_M, VOXEL_M, box, make_dances
+from tests.figures.dances import ORIGIN_M, SURFACE, VOXEL_M, box, make_dances
 
 RATE_HZ = 60.0
 
@@ -93,7 +93,7 @@ def test_another_program_opens_the_voxels_in_their_places_and_colors(tmp_path):
     scene = trimesh.load(tmp_path / "v.glb")
     clouds = sorted(scene.geometry.values(), key=lambda cloud: cloud.bounds[0][0])
     assert len(clouds) == 4
-    assert all(len(cloud.vertices) == 6 * 32 * 6 - 4 * 30 * 4 for cloud in clouds)
+    assert all(len(cloud.vertices) == SURFACE for cloud in clouds)
     occupied = np.argwhere(box(8))
     np.testing.assert_allclose(
         clouds[0].bounds[0], ORIGIN_M + VOXEL_M * occupied.min(axis=0), atol=1e-6

@@ -75,7 +75,7 @@ export function matchSeconds(match, t) {
 }
 
 const STAND = { x: 0, y: 0, z: 0, turn: 0 };
-const APART = 0.75; // metres to the side of the middle, of two figures side by side
+export const APART = 0.75; // metres to the side of the middle, of two figures side by side
 
 // The poses to draw at `t` seconds: [{who, pose, frame, base, color}], pose null while it loads.
 export function compose(score, tracks, t, show) {

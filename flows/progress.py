@@ -14,20 +14,19 @@ ASSEMBLING = "assembling"
 """What comes after the last stage, as if it were one: blocks become a version of the take."""
 
 _EXPECTED: dict[str, tuple[float, float]] = {
-    "silhouettes": (1.0, 0.06),
-    "carving": (0.0, 0.017),
-    "coloring": (0.0, 0.065),
+    "silhouettes": (0.5, 0.017),
+    "carving": (0.0, 0.008),
+    "coloring": (0.0, 0.010),
     "initial_model": (2.0, 0.0),
-    "pose_fitting": (11.0, 0.04),
-    "final_labeling": (0.0, 0.006),
-    "provisional_labeling": (0.0, 0.018),
-    "joint_tracks": (0.0, 0.012),
-    ASSEMBLING: (2.0, 0.02),
+    "pose_fitting": (2.0, 0.013),
+    "final_labeling": (0.0, 0.0025),
+    "provisional_labeling": (0.0, 0.005),
+    "joint_tracks": (0.0, 0.0015),
+    ASSEMBLING: (1.0, 0.006),
 }
 """How long a stage takes: in any case, and for each frame [s].
 
-Measured with `captures/plain` of the shared recordings on two busy cores; only how they compare
-matters.
+Measured with `captures/plain` of the shared recordings on two cores; only how they compare matters.
 """
 
 _FOUND_DONE = 0.05

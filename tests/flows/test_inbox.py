@@ -224,7 +224,7 @@ def test_a_capture_is_digitized_by_one_run_of_its_own_that_is_followed(
 
     started = []
 
-    def start(_deployment, *, idempotency_key, parameters, **_):
+    def start(_, *, idempotency_key, parameters, **__):
         with get_client(sync_client=True) as client:
             run = client.create_flow_run(inbox.scan_inbox, state=Running())
         started.append((run.id, idempotency_key, parameters))
@@ -278,3 +278,37 @@ def test_the_run_that_finds_a_capture_bad_moves_it_away(tmp_path, folder, monkey
     held = folder / "quarantine" / "cap"
     assert sorted(os.listdir(held)) == ["REASON.txt", "cap"]
     assert "Why: " in (held / "REASON.txt").read_text("utf-8")
+
+
+@pytest.mark.s3
+def test_an_inbox_in_an_object_store_is_scanned_like_a_folder(
+    object_store, tmp_path, write_walk, monkeypatch
+):
+    import obstore
+    from obstore.store import from_url
+
+    from flows.inbox import scan_inbox
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    store = from_url(f"{object_store}/inbox")
+    walk = write_walk(tmp_path / "okuri48.trc").read_bytes()
+    obstore.put(store, "sub/okuri48.trc", walk)
+    obstore.put(store, "sub/okuri48.toml", b'[take]\ntitle = "Okuri 48"\n')
+    obstore.put(store, "broken.trc", BROKEN)
+
+    def scan():
+        where = f"{object_store}/archive", f"{object_store}/inbox"
+        return scan_inbox(*where, 0.0, return_state=True).message
+
+    assert scan().startswith("1 of 2 recordings were not taken in: ")
+    [record] = open_archive(f"{object_store}/archive").records()
+    assert (record.take, record.metadata["title"]) == ("okuri48", "Okuri 48")
+    held = {each["path"] for each in obstore.list(store).collect()}
+    assert held == {
+        "sub/okuri48.trc", "sub/okuri48.toml", "quarantine/broken.trc/broken.trc",
+        "quarantine/broken.trc/REASON.txt",
+    }  # fmt: skip
+    assert scan() == "nothing new"
+    obstore.put(store, "sub/okuri48.trc", walk)  # looks new, and is not
+    assert scan() == "1 already in the archive"
+    assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]

@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test test-long lint bench bench-poses clean
+.PHONY: setup demo test test-long coverage lint bench bench-poses clean
 
 setup: .venv/installed
 
@@ -25,12 +25,16 @@ lint: setup
 # a file of tests stays on one core, with what it makes once; files start in the order of conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# interpreted first, for coverage cannot see into compiled code; then compiled what has kernels,
-# without coverage, which makes compiling them twice as slow; last what needs a server, whose reach is measured
-# too; `pytest` alone takes what needs no server and a second at most
+# interpreted first, where an index out of bounds is an error; then compiled, what has kernels; last
+# what needs a server; `pytest` alone takes what needs no server and a second at most
 test: setup
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not (compiled or slow or flow or s3)"
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (compiled or slow or flow or s3)"
 	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3)"
+	$(BIN)/pytest $(TWO_CORES) -m "flow or s3"
+
+# what the tests reach; measuring takes a third longer, and cannot see into compiled code
+coverage: setup
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not (compiled or slow or flow or s3)"
 	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m "flow or s3"
 
 # tests that draw their cases, twenty times as many: kills, damaged files, tracks

@@ -350,6 +350,7 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(_HEARTBEAT_S),
         "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",  # reading a pickle runs what is in it
         "PREFECT_LOGGING_EXTRA_LOGGERS": "flows,tasks,storage",
+        "PREFECT_LOGGING_TO_API_WHEN_MISSING_FLOW": "ignore",  # what is said outside of a run
         "PREFECT_CLI_PROMPT": "false",
     }
     if own:

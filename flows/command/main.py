@@ -404,8 +404,12 @@ def _write_any_text() -> None:
 
 
 def _prepare_prefect() -> None:
-    """Make Prefect ready for a run, or say why it cannot be."""
+    """Make Prefect ready for a run in this process, or say why it cannot be."""
     _hush_prefect()
+    os.environ.setdefault("PREFECT_LOGGING_INTERNAL_LEVEL", "CRITICAL")
+    # a server that went away is asked twice again, for some seconds, not for a minute each time
+    os.environ.setdefault("PREFECT_CLIENT_MAX_RETRIES", "2")
+    logging.raiseExceptions = False  # what a log cannot be told is not told on the terminal
     from flows.server import check_server
 
     check_server()
@@ -413,12 +417,8 @@ def _prepare_prefect() -> None:
 
 def _hush_prefect() -> None:
     """Keep Prefect's own log off the terminal; the dashboard has it."""
-    for level in ("HANDLERS_CONSOLE", "INTERNAL"):
-        os.environ.setdefault(f"PREFECT_LOGGING_{level}_LEVEL", "CRITICAL")
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")
     os.environ.setdefault("PREFECT_SERVER_LOGGING_LEVEL", "CRITICAL")
-    # a server that went away is asked twice again, for some seconds, not for a minute each time
-    os.environ.setdefault("PREFECT_CLIENT_MAX_RETRIES", "2")
-    logging.raiseExceptions = False  # what a log cannot be told is not told on the terminal
 
 
 def _fail(error: Exception | str, code: int) -> int:

@@ -34,6 +34,8 @@ ROOT = Path(__file__).parent.parent.parent
 HANGING_S = 3600.0
 """After so long without a new take it hangs [s]. Chosen: far above the longest pause."""
 SETTLE_S = 2.0
+PAUSES_S = (5.0, 60.0)
+"""Between two kills [s]. Chosen: from before a server has started to when all works."""
 KINDS = ("prefect.engine", "worker start", "server start")
 
 
@@ -64,14 +66,13 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
     begin, kills = time.perf_counter(), Counter[str]()
     try:
         waiting = drops(folder, options)
-        last, seen = time.monotonic(), 0
-        pause_s = 0.0
+        last, seen, pause_s = time.monotonic(), 0, PAUSES_S[1]
         while True:
             for _ in range(max(1, options.takes // 20)):
                 next(waiting, None)
             if sum(kills.values()) < options.kills and time.monotonic() - last > pause_s:
                 kills.update(kill_one(folder, draw))
-                last, pause_s = time.monotonic(), draw.uniform(2, 20)
+                last, pause_s = time.monotonic(), draw.uniform(*PAUSES_S)
             there = open_archive(archive).takes() if (archive / "archive.json").exists() else []
             if len(there) != seen:
                 seen = len(there)

@@ -1,5 +1,6 @@
 """The browse page: every recording, what is known of it, and the dance itself."""
 
+import contextlib
 import json
 from asyncio import to_thread
 from collections.abc import Mapping
@@ -10,10 +11,10 @@ import numpy as np
 from fastapi import Request
 from nicegui import ui
 
+from storage.errors import ArchiveError
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.rendering.views import SEGMENT_COLORS
-from tasks.retrieval.searching import read_packed_takes
 from viewer.asking import search_address
 from viewer.components import Stage, Takes, give, made, say, tag
 from viewer.holdings import Holdings, matching, performer_of, title_of
@@ -106,8 +107,6 @@ class BrowsePage:
 
     def rows(self, records: list[Record]) -> list[dict[str, Any]]:
         """Return the rows of the list."""
-        packed, _ = read_packed_takes(self.holdings.archive.place, records)
-        by_name = {take.name: take for take in packed}
         return [
             {
                 "take": record.take,
@@ -117,10 +116,16 @@ class BrowsePage:
                 "kind": self.shell.texts["filmed"]
                 if "voxels" in record.stages
                 else record.source["kind"].upper(),
-                "strip": strip_of(by_name.get(record.take), 0, record.frames - 1),
+                "strip": self.strip(record),
             }
             for record in records
         ]
+
+    def strip(self, record: Record) -> str:
+        """Return the picture of some poses of a recording, nothing where it has none."""
+        with contextlib.suppress(ArchiveError):
+            return strip_of(self.holdings.packed(record), 0, record.frames - 1)
+        return ""
 
     async def choose(self, name: str) -> None:
         """Show a recording."""

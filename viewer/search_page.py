@@ -278,8 +278,7 @@ class SearchPage:
 
     async def list_matches(self, answer: Answer) -> None:
         """List what was found, and open one."""
-        place = self.holdings.archive.place
-        rows = await to_thread(listed, place, answer.matches, answer.records)
+        rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
         self.matches = answer.matches
         self.found.classes(remove="outdated")
         seconds = f"{answer.seconds:.1f}"

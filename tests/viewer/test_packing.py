@@ -176,3 +176,33 @@ def test_texts_are_there_in_both_languages_with_the_same_places():
     assert choose_language(None, None, "fr-FR,ja;q=0.8,en;q=0.7") == "ja"
     assert choose_language("en", "ja", "ja") == "en"
     assert choose_language("xx", None, "") == "en"
+
+
+def test_a_digitization_is_started_once_and_told(tmp_path):
+    import subprocess
+    import sys
+    import time
+
+    from tests.conftest import HANGING_S
+    from viewer.digitizing import Digitizations
+
+    started = []
+
+    def start(capture, said):
+        started.append(capture)
+        program = f"import sys; sys.stderr.write('frame 1\\n{capture}: refused\\n'); sys.exit(3)"
+        with said.open("wb") as into:
+            return subprocess.Popen([sys.executable, "-c", program], stderr=into)
+
+    work = Digitizations(start, tmp_path)
+    assert work.state("okuri") == {"running": False, "code": None, "said": ""}
+    work.start("okuri", tmp_path / "capture")
+    work.start("okuri", tmp_path / "capture")
+    deadline = time.monotonic() + HANGING_S
+    while (state := work.state("okuri"))["running"]:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert state == {"running": False, "code": 3, "said": f"{tmp_path / 'capture'}: refused"}
+    assert started == [str(tmp_path / "capture")]
+    work.start("okuri", tmp_path / "again")
+    assert started[1:] == [str(tmp_path / "again")]

@@ -4,6 +4,7 @@ The viewer knows no flow. It is given a function that starts one, watches the pr
 how far it is. A program goes on when the viewer ends, and a run that was ended goes on later.
 """
 
+import itertools
 import subprocess
 import threading
 from collections.abc import Callable
@@ -23,6 +24,7 @@ class Digitizations:
         """Take what starts a program, and a folder for what they say."""
         self._start, self._folder = start, folder
         self._lock = threading.Lock()
+        self._numbers = itertools.count()
         self._running: dict[str, tuple[subprocess.Popen[bytes], Path]] = {}
 
     def start(self, take: str, capture: Path) -> None:
@@ -30,7 +32,7 @@ class Digitizations:
         with self._lock:
             if take in self._running and self._running[take][0].poll() is None:
                 return
-            said = self._folder / f"digitizing-{len(self._running)}.txt"
+            said = self._folder / f"digitizing-{next(self._numbers)}.txt"
             said.write_bytes(b"")
             self._running[take] = self._start(str(capture), said), said
 

@@ -93,7 +93,9 @@ class BrowsePage:
     async def filter(self, words: str) -> str:
         """List the recordings in which the words are; return the first one's name."""
         with self.shell.telling():
-            records, _ = await to_thread(self.holdings.records)
+            if not words:
+                await to_thread(self.holdings.records)
+            records = await to_thread(self.holdings.records_at_hand)
             found = matching(records, words)
             rows = await to_thread(self.rows, found[:MOST_LISTED])
             give(self.takes, takes=rows)

@@ -96,6 +96,11 @@ class Holdings:
                 held = self._listing = (time.monotonic(), *found)
             return held[1], held[2]
 
+    def records_at_hand(self) -> list[Record]:
+        """Return the takes as they were listed last, at once: for each letter that is typed."""
+        held = self._listing
+        return held[1] if held is not None else self.records()[0]
+
     def take(self, name: str, version: str | None = None) -> Take:
         """Return a take as it is now, or an older version that some page still shows.
 

@@ -140,7 +140,9 @@ class SearchPage:
     async def filter(self, words: str) -> None:
         """Give the chooser the recordings in which the words are."""
         with self.shell.telling():
-            records, _ = await to_thread(self.holdings.records)
+            if not words:  # the list was opened
+                await to_thread(self.holdings.records)
+            records = await to_thread(self.holdings.records_at_hand)
             found = [r for r in matching(records, words) if "motion" in r.stages]
             options = [
                 {

@@ -86,7 +86,7 @@ def serve_viewer(
                 daemon=True,
             )
             opening.start()
-            threading.Thread(target=warm_up_search, daemon=True).start()
+            threading.Thread(target=warm_up, args=(holdings,), daemon=True).start()
             server.run(sockets=[listening])
 
 
@@ -151,8 +151,10 @@ def _tell_when_ready(
         show(address)
 
 
-def warm_up_search() -> None:
-    """Load the compiled search before it is first asked for: that takes a second or two."""
+def warm_up(holdings: Holdings) -> None:
+    """List the takes and load the compiled search before they are first asked for."""
+    with contextlib.suppress(ValueError, OSError):  # a page tells what is wrong with the archive
+        holdings.records()
     rows = np.zeros((ROWS, 4), np.float32)
     present = np.ones(len(JOINTS), np.bool_)
     take = PackedTake("nothing", rows, INDEX_RATE_HZ, 4, present)

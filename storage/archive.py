@@ -5,7 +5,7 @@ import json
 import os
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -201,9 +201,14 @@ class Archive:
         """Return what every take is now, in the order of the names."""
         return read_records(self.place)
 
-    def readable_records(self) -> tuple[list[Record], dict[str, str]]:
-        """Return what every take is now, and what is wrong with the records of others, by take."""
-        return readable_records(self.place)
+    def readable_records(
+        self, known: Mapping[str, Record] | None = None
+    ) -> tuple[list[Record], dict[str, str]]:
+        """Return what every take is now, and what is wrong with the records of others, by take.
+
+        Of the records in `known`, by take, those that are still the newest are not read again.
+        """
+        return readable_records(self.place, known)
 
     def take(self, name: str) -> Take:
         """Return the take called `name` as it is now.

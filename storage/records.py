@@ -112,8 +112,15 @@ def read_records(place: Place) -> list[Record]:
     return records
 
 
-def readable_records(place: Place) -> tuple[list[Record], dict[str, str]]:
+def readable_records(
+    place: Place, known: Mapping[str, Record] | None = None
+) -> tuple[list[Record], dict[str, str]]:
     """Return what every take is now, in the order of their names, and what cannot be read.
+
+    Parameters
+    ----------
+    known
+        Records that were read before, by take: those that are still the newest are not read again.
 
     Returns
     -------
@@ -125,6 +132,8 @@ def readable_records(place: Place) -> tuple[list[Record], dict[str, str]]:
     newest = _newest_records(place)
 
     def read(take: str) -> Record | str:
+        if known and (held := known.get(take)) is not None and held.number == newest[take]:
+            return held
         try:
             return read_numbered_record(place, take, newest[take])
         except ArchiveError as error:

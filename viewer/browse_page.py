@@ -1,5 +1,6 @@
 """The browse page: every recording, what is known of it, and the dance itself."""
 
+import contextlib
 import json
 from asyncio import to_thread
 from collections.abc import Mapping
@@ -10,10 +11,10 @@ import numpy as np
 from fastapi import Request
 from nicegui import ui
 
+from storage.errors import ArchiveError
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.rendering.views import SEGMENT_COLORS
-from tasks.retrieval.searching import read_packed_takes
 from viewer.asking import search_address
 from viewer.components import Stage, Takes, give, made, say, tag
 from viewer.holdings import Holdings, matching, performer_of, title_of
@@ -92,7 +93,9 @@ class BrowsePage:
     async def filter(self, words: str) -> str:
         """List the recordings in which the words are; return the first one's name."""
         with self.shell.telling():
-            records, _ = await to_thread(self.holdings.records)
+            if not words:
+                await to_thread(self.holdings.records)
+            records = await to_thread(self.holdings.records_at_hand)
             found = matching(records, words)
             rows = await to_thread(self.rows, found[:MOST_LISTED])
             give(self.takes, takes=rows)
@@ -106,8 +109,6 @@ class BrowsePage:
 
     def rows(self, records: list[Record]) -> list[dict[str, Any]]:
         """Return the rows of the list."""
-        packed, _ = read_packed_takes(self.holdings.archive.place, records)
-        by_name = {take.name: take for take in packed}
         return [
             {
                 "take": record.take,
@@ -117,10 +118,16 @@ class BrowsePage:
                 "kind": self.shell.texts["filmed"]
                 if "voxels" in record.stages
                 else record.source["kind"].upper(),
-                "strip": strip_of(by_name.get(record.take), 0, record.frames - 1),
+                "strip": self.strip(record),
             }
             for record in records
         ]
+
+    def strip(self, record: Record) -> str:
+        """Return the picture of some poses of a recording, nothing where it has none."""
+        with contextlib.suppress(ArchiveError):
+            return strip_of(self.holdings.packed(record), 0, record.frames - 1)
+        return ""
 
     async def choose(self, name: str) -> None:
         """Show a recording."""

@@ -15,12 +15,14 @@ from tasks.exporting.joints import export_take
 from viewer.answers import find_others
 from viewer.asking import read_address
 from viewer.body_model import (
+    capture_folder,
     file_digest,
     label_frame,
     save_into_capture,
     save_model,
     shares_of,
 )
+from viewer.digitizing import Digitizations
 from viewer.holdings import FILE, Holdings
 from viewer.report import make_report
 from viewer.texts import choose_language
@@ -31,8 +33,8 @@ TOLD = (UnknownNameError, ArchiveError, InputError, OSError, ValueError)
 """What is told in a sentence."""
 
 
-def add_files(app: FastAPI, holdings: Holdings) -> None:
-    """Add the addresses of `holdings` to an app."""
+def add_files(app: FastAPI, holdings: Holdings, work: Digitizations) -> None:
+    """Add the addresses of `holdings` to an app, and of what was started from its pages."""
 
     @app.get("/report")
     def report(request: Request) -> Response:
@@ -55,6 +57,14 @@ def add_files(app: FastAPI, holdings: Holdings) -> None:
         except (InputError, OSError) as error:
             return PlainTextResponse(str(error), 422)
         return JSONResponse({"key": motion.name})
+
+    @app.post("/digitize/{take}")
+    def digitize(take: str) -> Response:
+        return _told(lambda: _digitize(holdings, work, take))
+
+    @app.get("/digitize/{take}")
+    def digitizing(take: str) -> Response:
+        return JSONResponse(work.state(take))
 
     @app.post("/body/{what}/{take}/{version}/{frame}")
     async def body(request: Request, what: str, take: str, version: str, frame: int) -> Response:
@@ -103,6 +113,16 @@ def _export(holdings: Holdings, name: str) -> Response:
         export_take(holdings.location, take, str(path))
         content = path.read_bytes()
     return Response(content, media_type="application/octet-stream", headers=_saved_as(name))
+
+
+def _digitize(holdings: Holdings, work: Digitizations, name: str) -> Response:
+    """Start digitizing the capture of a take; tell how it goes."""
+    take = holdings.take(name)
+    folder = capture_folder(take)
+    if folder is None:
+        raise InputError(f"the capture {take.record.source['path']} is not on this machine")
+    work.start(name, folder)
+    return JSONResponse(work.state(name))
 
 
 def _body(

@@ -22,6 +22,7 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present
+from tasks.retrieval.searching import PackedTake, read_packed_takes
 
 if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings
@@ -32,6 +33,8 @@ _TAKES_OPEN = 48
 """How many takes are kept open [takes]. Opening one takes a tenth of a second."""
 _FILES_HELD = 8
 """How many dropped files are remembered [files]. Their motion is held in memory."""
+_PACKED_HELD = 256
+"""How many search arrays are kept open [takes]. They are mapped, not in memory."""
 _FRAMES_HELD = 4
 """How many frames of voxels are held while body models are corrected [frames]."""
 FILE = "file"
@@ -68,10 +71,12 @@ class Holdings:
         self.location = self.archive.location
         self.uploads = uploads
         self._lock = threading.Lock()
+        self._listing_lock = threading.Lock()
         self._listing: tuple[float, list[Record], dict[str, str]] | None = None
         self._takes: OrderedDict[Any, Take] = OrderedDict()
         self._motions: OrderedDict[Any, Motion] = OrderedDict()
         self._frames: OrderedDict[Any, Any] = OrderedDict()
+        self._packed: OrderedDict[Any, Any] = OrderedDict()
         self._palettes: OrderedDict[Any, Any] = OrderedDict()
         self._files: OrderedDict[str, Motion] = OrderedDict()
 
@@ -83,13 +88,18 @@ class Holdings:
         InputError, ArchiveError, PlaceError
             If the archive is not there any more, or is damaged.
         """
-        with self._lock:
+        with self._listing_lock:
             held = self._listing
             if held is None or time.monotonic() - held[0] > FRESH_S:
-                archive = open_archive(self.location)
-                held = (time.monotonic(), *archive.readable_records())
-                self._listing = held
+                known = {record.take: record for record in held[1]} if held else {}
+                found = open_archive(self.location).readable_records(known)
+                held = self._listing = (time.monotonic(), *found)
             return held[1], held[2]
+
+    def records_at_hand(self) -> list[Record]:
+        """Return the takes as they were listed last, at once: for each letter that is typed."""
+        held = self._listing
+        return held[1] if held is not None else self.records()[0]
 
     def take(self, name: str, version: str | None = None) -> Take:
         """Return a take as it is now, or an older version that some page still shows.
@@ -124,6 +134,23 @@ class Holdings:
         return self._hold(
             self._motions, (name, take.record.version), lambda: _motion_of(take), _TAKES_OPEN
         )
+
+    def packed(self, record: Record) -> PackedTake:
+        """Return a take as the search reads it: opened and checked once, mapped on a disk.
+
+        Raises
+        ------
+        ArchiveError
+            If it has no motion, or its search array is missing or damaged.
+        """
+
+        def read() -> PackedTake:
+            found, faults = read_packed_takes(self.archive.place, [record])
+            if faults:
+                raise ArchiveError(faults[record.take])
+            return found[0]
+
+        return self._hold(self._packed, (record.take, record.version), read, _PACKED_HELD)
 
     def add_file(self, name: str, content: bytes) -> Motion:
         """Keep a motion file for searches; return its motion.

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.places import Place
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.rendering.drawing.stick_figures import FIGURE_LINES
@@ -24,7 +23,6 @@ from tasks.retrieval.searching import (
     SearchSettings,
     clip_motion,
     clip_take,
-    read_packed_takes,
 )
 from tasks.retrieval.weighting import joint_weights
 from viewer.holdings import FILE, Holdings, Motion, performer_of, title_of
@@ -134,12 +132,9 @@ def explain(
 
 
 def listed(
-    place: Place, matches: Sequence[Match], records: Mapping[str, Record]
+    holdings: Holdings, matches: Sequence[Match], records: Mapping[str, Record]
 ) -> list[dict[str, Any]]:
     """Return the rows of a list of matches, with pictures of some poses of each."""
-    names = list(dict.fromkeys(match.take for match in matches))
-    packed, _ = read_packed_takes(place, [records[name] for name in names])
-    by_name = {take.name: take for take in packed}
     farthest = max((match.distance for match in matches), default=0.0) or 1.0
     rows = []
     for rank, match in enumerate(matches, start=1):
@@ -156,7 +151,7 @@ def listed(
                 "distance": f"{match.distance:.3f}",
                 "share": round(100 * match.distance / farthest, 1),
                 "mirrored": match.mirrored,
-                "strip": strip_of(by_name.get(match.take), match.start, match.end),
+                "strip": strip_of(holdings.packed(record), match.start, match.end),
             }
         )
     return rows
@@ -192,10 +187,8 @@ def strip_path(poses: NDArray[np.floating]) -> str:
     return "".join(lines)
 
 
-def strip_of(take: PackedTake | None, start: int, end: int) -> str:
-    """Return the picture of some poses of a clip, as `strip_path`; nothing without a take."""
-    if take is None:
-        return ""
+def strip_of(take: PackedTake, start: int, end: int) -> str:
+    """Return the picture of some poses of a clip, as `strip_path`."""
     frames = np.linspace(start, end, _POSES)
     last = take.rows.shape[1] - 1
     samples = np.clip(np.rint(frames * INDEX_RATE_HZ / take.rate_hz), 0, last).astype(int)
@@ -207,10 +200,4 @@ def strip_of(take: PackedTake | None, start: int, end: int) -> str:
 
 def _packed(holdings: Holdings, motion: Motion) -> PackedTake:
     """Return the packed array of a take; raises an ArchiveError where it cannot be read."""
-    from storage.errors import ArchiveError
-
-    take = holdings.take(motion.name, motion.version)
-    packed, faults = read_packed_takes(take.place, [take.record])
-    if faults:
-        raise ArchiveError(next(iter(faults.values())))
-    return packed[0]
+    return holdings.packed(holdings.take(motion.name, motion.version).record)

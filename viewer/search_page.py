@@ -140,7 +140,9 @@ class SearchPage:
     async def filter(self, words: str) -> None:
         """Give the chooser the recordings in which the words are."""
         with self.shell.telling():
-            records, _ = await to_thread(self.holdings.records)
+            if not words:  # the list was opened
+                await to_thread(self.holdings.records)
+            records = await to_thread(self.holdings.records_at_hand)
             found = [r for r in matching(records, words) if "motion" in r.stages]
             options = [
                 {
@@ -278,8 +280,7 @@ class SearchPage:
 
     async def list_matches(self, answer: Answer) -> None:
         """List what was found, and open one."""
-        place = self.holdings.archive.place
-        rows = await to_thread(listed, place, answer.matches, answer.records)
+        rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
         self.matches = answer.matches
         self.found.classes(remove="outdated")
         seconds = f"{answer.seconds:.1f}"

@@ -24,6 +24,7 @@ from tasks.retrieval.searching import PackedTake, Query, search_takes
 from viewer.body_page import body_page
 from viewer.browse_page import browse_page
 from viewer.data import add_data
+from viewer.digitizing import Digitizations, Starter
 from viewer.files import add_files
 from viewer.guard import guard
 from viewer.holdings import Holdings
@@ -41,6 +42,7 @@ def serve_viewer(
     host: str = "127.0.0.1",
     port: int = 8080,
     runs_url: str,
+    digitize: Starter,
     open_browser: bool = True,
     tell: Callable[[str], None],
 ) -> None:
@@ -52,6 +54,8 @@ def serve_viewer(
         By default only this machine can reach it.
     runs_url
         Where Prefect's dashboard is, for a link.
+    digitize
+        Starts digitizing a capture into this archive, when a page asks for it.
     tell
         Called with the address, once pages can be opened.
 
@@ -68,7 +72,8 @@ def serve_viewer(
             bound = listening.getsockname()[1]
             shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
             address = f"http://[{shown}]:{bound}/" if ":" in shown else f"http://{shown}:{bound}/"
-            app = make_app(Site(holdings, runs_url))
+            work = Digitizations(digitize, Path(uploads))
+            app = make_app(Site(holdings, runs_url), work)
             server = uvicorn.Server(
                 uvicorn.Config(
                     guard(app, host), log_level="warning", access_log=False,
@@ -81,15 +86,15 @@ def serve_viewer(
                 daemon=True,
             )
             opening.start()
-            threading.Thread(target=warm_up_search, daemon=True).start()
+            threading.Thread(target=warm_up, args=(holdings,), daemon=True).start()
             server.run(sockets=[listening])
 
 
-def make_app(site: Site) -> FastAPI:
+def make_app(site: Site, work: Digitizations) -> FastAPI:
     """Return the app with all pages and the addresses that they get frames from."""
     app = FastAPI(openapi_url=None)
     add_data(app, site.holdings)
-    add_files(app, site.holdings)
+    add_files(app, site.holdings, work)
     app.mount("/look", StaticFiles(directory=_LOOK), name="look")
 
     @ui.page("/")
@@ -146,8 +151,10 @@ def _tell_when_ready(
         show(address)
 
 
-def warm_up_search() -> None:
-    """Load the compiled search before it is first asked for: that takes a second or two."""
+def warm_up(holdings: Holdings) -> None:
+    """List the takes and load the compiled search before they are first asked for."""
+    with contextlib.suppress(ValueError, OSError):  # a page tells what is wrong with the archive
+        holdings.records()
     rows = np.zeros((ROWS, 4), np.float32)
     present = np.ones(len(JOINTS), np.bool_)
     take = PackedTake("nothing", rows, INDEX_RATE_HZ, 4, present)

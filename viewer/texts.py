@@ -215,7 +215,13 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "use_model": ("Use this body model", "この身体モデルを使う"),
     "download_model": ("Download initial.json", "initial.json を保存"),
     "model_saved": ("Saved as {path}.", "{path} に保存しました。"),
-    "then_run": ("To digitize with it, run:", "これで再処理するには次を実行:"),
+    "digitize": ("Digitize with it now", "これで再処理する"),
+    "then_run": ("It runs for minutes, as this does:", "数分かかります。次のコマンドと同じです:"),
+    "digitized": (
+        "Digitized: the recording has a new version.",
+        "再処理が完了し、新しい版ができました。",
+    ),
+    "not_digitized": ("It did not finish: {said}", "完了しませんでした: {said}"),
     "no_capture": (
         "The capture is not on this machine: download the file and put it into its folder.",
         "元の撮影データがこの計算機にないため、ファイルを保存してそのフォルダへ置いてください。",

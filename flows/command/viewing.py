@@ -2,6 +2,8 @@
 
 import argparse
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +47,21 @@ def view_archive(options: argparse.Namespace) -> int:
 
     quiet_libraries()
 
+    def digitize(capture: str, said: Path) -> subprocess.Popen[bytes]:
+        with said.open("wb") as into:
+            return subprocess.Popen(
+                [sys.executable, "-m", "flows.command.main", "ingest", options.archive, capture],
+                stdout=subprocess.DEVNULL, stderr=into, stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl+C ends the viewer, and not this
+            )  # fmt: skip
+
     def tell(address: str) -> None:
         printing.print_line(address)
         printing.say(f"showing {options.archive}; Ctrl+C ends it")
 
     serve_viewer(
         options.archive, host=options.host, port=options.port, runs_url=runs_url(),
-        open_browser=not options.no_browser, tell=tell,
+        digitize=digitize, open_browser=not options.no_browser, tell=tell,
     )  # fmt: skip
     return 0
 

@@ -22,7 +22,10 @@ TAKES, FRAMES = 50, 20_000
 """A million frames."""
 VISITS = 100
 BODY_VOXELS = 60_000
-PLAYING = "() => window.shosa?.stage?.figures?.length === 2 && window.shosa.stage.figures.every(f => f.pose)"
+PLAYING = (
+    "() => window.shosa?.stage?.figures?.length === 2 "
+    "&& window.shosa.stage.figures.every(f => f.pose)"
+)
 
 
 def tell(line: str) -> None:

@@ -1,16 +1,21 @@
 """What is sent to a page: packed tracks and voxels, who may ask, and what an address means."""
 
 import gzip
+import re
 import struct
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tests.conftest import swaying_body
+from tests.conftest import HANGING_S, swaying_body
 from tests.figures.dances import ORIGIN_M, SHAPE, VOXEL_M, box, make_dances
 from viewer.asking import Asking, read_address
 from viewer.data import _track, _voxels
+from viewer.digitizing import Digitizations
 from viewer.guard import is_own_host
 from viewer.holdings import Holdings, matching
 from viewer.pairing import strip_path
@@ -167,8 +172,6 @@ def test_a_strip_draws_what_is_there():
 
 
 def test_texts_are_there_in_both_languages_with_the_same_places():
-    import re
-
     for name, (english, japanese) in _TEXTS.items():
         assert english, name
         assert japanese, name
@@ -176,3 +179,30 @@ def test_texts_are_there_in_both_languages_with_the_same_places():
     assert choose_language(None, None, "fr-FR,ja;q=0.8,en;q=0.7") == "ja"
     assert choose_language("en", "ja", "ja") == "en"
     assert choose_language("xx", None, "") == "en"
+
+
+def test_a_digitization_is_started_once_and_told(tmp_path):
+    started = []
+
+    def start(capture, said):
+        started.append(capture)
+        program = f"import sys; sys.stderr.write('frame 1\\n{capture}: refused\\n'); sys.exit(3)"
+        with said.open("wb") as into:
+            return subprocess.Popen([sys.executable, "-c", program], stderr=into)
+
+    def ended(work):
+        deadline = time.monotonic() + HANGING_S
+        while (state := work.state("okuri"))["running"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        return state
+
+    work = Digitizations(start, tmp_path)
+    assert work.state("okuri") == {"running": False, "code": None, "said": ""}
+    work.start("okuri", tmp_path / "capture")
+    work.start("okuri", tmp_path / "capture")
+    assert ended(work) == {"running": False, "code": 3, "said": f"{tmp_path / 'capture'}: refused"}
+    assert started == [str(tmp_path / "capture")]
+    work.start("okuri", tmp_path / "again")
+    assert ended(work)["said"] == f"{tmp_path / 'again'}: refused"
+    assert started[1:] == [str(tmp_path / "again")]

@@ -37,13 +37,15 @@ export default {
       <button class="main" data-control="save" :disabled="!content.capture || saving" @click="save">{{ texts.use_model }}</button>
       <button data-control="download" @click="download">{{ texts.download_model }}</button>
       <p role="status" data-saved>{{ told }}</p>
-      <p v-if="saved && content.command" class="soft">{{ texts.then_run }}<br><code>{{ content.command }}</code></p>
+      <template v-if="saved || work"><button data-control="digitize" :disabled="work && work.running" @click="digitize">{{ texts.digitize }}</button>
+        <p class="soft">{{ texts.then_run }} <code>{{ content.command }}</code></p>
+        <p v-if="work" role="status" data-work><span v-if="work.running" class="progress" style="display:block"></span>{{ work.running ? work.said : (work.code === 0 ? texts.digitized : fill(texts.not_digitized, { said: work.said })) }} <a v-if="work.code === 0" :href="'/browse?take=' + encodeURIComponent(content.motion.take)">{{ texts.browse }}</a></p></template>
       <p v-if="!content.capture" class="soft">{{ texts.no_capture }}</p>
     </aside>
   </div>`,
   props: { content: Object, body: Object, texts: Object },
   data() {
-    return { joints: copy(this.content.joints), bounds: {}, past: [], shares: null, both: true, captured: false, moving: "joints", facing: "front", azimuth: 0, scale: 1, held: null, hover: "", told: "", message: "", saved: false, saving: false, size: [1, 1], digest: this.content.digest };
+    return { joints: copy(this.content.joints), bounds: {}, past: [], shares: null, both: true, captured: false, moving: "joints", facing: "front", azimuth: 0, scale: 1, held: null, hover: "", told: "", message: "", saved: false, saving: false, work: null, size: [1, 1], digest: this.content.digest };
   },
   computed: {
     handles() {
@@ -73,6 +75,18 @@ export default {
   },
   unmounted() { window.removeEventListener("keydown", this.key); this.watcher.disconnect(); },
   methods: {
+    fill,
+    async digitize() {
+      const address = `/digitize/${encodeURIComponent(this.content.motion.take)}`;
+      let answer = await fetch(address, { method: "POST" });
+      if (!answer.ok) { this.told = await answer.text(); return; }
+      this.work = await answer.json();
+      while (this.work.running) {
+        await new Promise((resolve) => setTimeout(resolve, 1500));
+        answer = await fetch(address);
+        this.work = await answer.json();
+      }
+    },
     flat() { return Float32Array.from(this.joints.flatMap((p) => p || [NaN, NaN, NaN])); },
     // where a point of the world is on the screen, and how near it is
     project(p) {

@@ -18,16 +18,12 @@ import time
 import urllib.request
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-logger = logging.getLogger(__name__)
+from flows.served import POOL, VARIABLE, Served, ServingError, write_served
 
-POOL = "shosa"
-"""The work pool that a worker of every machine takes runs from."""
-VARIABLE = "SHOSA_SERVED"
-"""The variable by which the worker's processes know what is served; no form can change it."""
+logger = logging.getLogger(__name__)
 
 _START_S = 180.0  # a server on a busy machine; 15 s is usual
 _STOP_S = 30.0  # what a worker gets to end its runs, then they are killed
@@ -38,44 +34,6 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is star
 _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
-
-
-@dataclass(frozen=True)
-class Served:
-    """What `shosa serve` was told to serve, as every process that it starts knows it."""
-
-    archive: str
-    inboxes: list[str] = field(default_factory=list)
-    roots: list[str] = field(default_factory=list)
-    """What forms may name and links may lead to, the inboxes among them."""
-    settle_s: float = 60.0
-    every_s: float | None = 60.0
-    cron: str | None = None
-    limit: int = 2
-    """Runs at once on this machine."""
-
-
-class ServingError(OSError):
-    """The server, or what it needs, cannot be started; the message says what to do."""
-
-
-def write_served(served: Served) -> str:
-    """Return what is served, for the variable `VARIABLE`."""
-    return json.dumps(asdict(served))
-
-
-def read_served(environment: Mapping[str, str] | None = None) -> Served:
-    """Return what is served by the worker that started this process.
-
-    Raises
-    ------
-    ServingError
-        If no `shosa serve` did.
-    """
-    text = (os.environ if environment is None else environment).get(VARIABLE)
-    if text is None:
-        raise ServingError("this is run by the workers that `shosa serve` starts, and nothing else")
-    return Served(**json.loads(text))
 
 
 def serve(served: Served, *, host: str, port: int, join: str | None = None) -> None:
@@ -145,6 +103,7 @@ class _Supervisor:
         )
         name = f"{socket.gethostname()}-{os.getpid()}"
         worker = [*prefect, "worker", "start", "--pool", POOL, "--type", "process"]
+        worker += ["--no-create-pool-if-not-found"]  # it would let a form name a command
         self.worker = _Child("worker", [*worker, "--limit", str(limit), "--name", name])
 
     def run(self) -> None:

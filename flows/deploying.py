@@ -36,7 +36,7 @@ from prefect.states import Crashed
 from prefect.types.entrypoint import EntrypointType
 
 from flows import forms
-from flows.serving import POOL, Served, read_served
+from flows.served import POOL, Served, read_served
 
 _DIED = (
     "The run gives no sign of life: its process was killed, or its machine was switched off. What "

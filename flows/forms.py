@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from flows.dashboard import shown
 from flows.inbox import ingest_here, scan_inbox, state_of
-from flows.serving import Served, read_served
+from flows.served import Served, read_served
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES

@@ -67,21 +67,26 @@ class Scan:
             self.known[name] = Seen(stamp, "waiting", time.time())
             self.counts["waiting"] += 1
             return
-        self.counts[status] += 1
         if status == "started":
             self.known[name] = replace(seen, state="started", since_s=time.time(), run=run)
         elif good:
             self.known[name] = Seen(seen.stamp, "in", time.time())
             forget_reason(self.inbox, name)
-        elif status == "failed":
+        elif status == "refused":
+            self.known[name] = Seen(seen.stamp, "refused", time.time())
+            try:
+                moved = move_to_quarantine(self.inbox, name, reason)
+            except OSError as error:  # the inbox cannot be written, now
+                status, reason = "failed", f"{reason} ({error})"
+            else:
+                if moved:
+                    del self.known[name]  # so that it is new when it is moved back
+                    logger.warning("%r was moved to %s", name, moved)
+        if status == "failed":
             tries = seen.tries + 1
             self.known[name] = Seen(seen.stamp, "failed", time.time(), tries)
             reason = f"{reason} (tried again after {pause_after(tries):.0f} s)"
-        else:
-            self.known[name] = Seen(seen.stamp, "refused", time.time())
-            if moved := move_to_quarantine(self.inbox, name, reason):
-                del self.known[name]  # so that it is new when it is moved back
-                logger.warning("%r was moved to %s", name, moved)
+        self.counts[status] += 1
         if not good:
             self.faults.append(reason)
 

@@ -18,64 +18,23 @@ import time
 import urllib.request
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-logger = logging.getLogger(__name__)
+from flows.served import POOL, VARIABLE, Served, ServingError, write_served
 
-POOL = "shosa"
-"""The work pool that a worker of every machine takes runs from."""
-VARIABLE = "SHOSA_SERVED"
-"""The variable by which the worker's processes know what is served; no form can change it."""
+logger = logging.getLogger(__name__)
 
 _START_S = 180.0  # a server on a busy machine; 15 s is usual
 _STOP_S = 30.0  # what a worker gets to end its runs, then they are killed
 _LOOK_S = 1.0  # between two looks at the children
-_HEALTH_S = 10.0  # between two questions to the server
+_HEALTH_S, _MISSED = 10.0, 3  # between two questions to the server, and how many go unanswered
+_ANSWER_S = 10.0  # what an answer may take
 _STEADY_S = 300.0  # a child that ran for so long may fail anew
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is started again
 _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
-
-
-@dataclass(frozen=True)
-class Served:
-    """What `shosa serve` was told to serve, as every process that it starts knows it."""
-
-    archive: str
-    inboxes: list[str] = field(default_factory=list)
-    roots: list[str] = field(default_factory=list)
-    """What forms may name and links may lead to, the inboxes among them."""
-    settle_s: float = 60.0
-    every_s: float | None = 60.0
-    cron: str | None = None
-    limit: int = 2
-    """Runs at once on this machine."""
-
-
-class ServingError(OSError):
-    """The server, or what it needs, cannot be started; the message says what to do."""
-
-
-def write_served(served: Served) -> str:
-    """Return what is served, for the variable `VARIABLE`."""
-    return json.dumps(asdict(served))
-
-
-def read_served(environment: Mapping[str, str] | None = None) -> Served:
-    """Return what is served by the worker that started this process.
-
-    Raises
-    ------
-    ServingError
-        If no `shosa serve` did.
-    """
-    text = (os.environ if environment is None else environment).get(VARIABLE)
-    if text is None:
-        raise ServingError("this is run by the workers that `shosa serve` starts, and nothing else")
-    return Served(**json.loads(text))
 
 
 def serve(served: Served, *, host: str, port: int, join: str | None = None) -> None:
@@ -115,7 +74,7 @@ def serve(served: Served, *, host: str, port: int, join: str | None = None) -> N
 def is_healthy(url: str) -> bool:
     """Say whether a Prefect server answers at the URL of an API."""
     try:
-        with urllib.request.urlopen(f"{url.rstrip('/')}/health", timeout=5) as answer:
+        with urllib.request.urlopen(f"{url.rstrip('/')}/health", timeout=_ANSWER_S) as answer:
             return answer.status == 200 and json.loads(answer.read()) is True
     except (OSError, ValueError):
         return False
@@ -145,6 +104,7 @@ class _Supervisor:
         )
         name = f"{socket.gethostname()}-{os.getpid()}"
         worker = [*prefect, "worker", "start", "--pool", POOL, "--type", "process"]
+        worker += ["--no-create-pool-if-not-found"]  # it would let a form name a command
         self.worker = _Child("worker", [*worker, "--limit", str(limit), "--name", name])
 
     def run(self) -> None:
@@ -212,22 +172,24 @@ class _Supervisor:
 
     def _watch(self) -> None:
         """Start what died again, and the worker when the server had been away."""
-        asked, away = time.monotonic(), False
+        asked, away, missed = time.monotonic(), False, 0
         while not self.stopping:
-            if self.server:
-                self.server.keep(self.environment)
+            if self.server and self.server.keep(self.environment):
+                away = True
             if self.worker.keep(self.environment) and is_healthy(self.url):
                 self._tell_dead()
             if time.monotonic() - asked >= _HEALTH_S:
                 asked = time.monotonic()
                 answers = is_healthy(self.url)
+                missed = 0 if answers else missed + 1
                 if answers and away:
                     logger.warning("the Prefect server is back; the worker is started again")
                     self.worker.kill()
                     self._tell_dead()
-                elif not answers and not away:
+                elif missed == _MISSED:
                     logger.warning("the Prefect server at %s does not answer", self.url)
-                away = not answers
+                # a busy server that is late once is not away
+                away = not answers and (away or missed >= _MISSED)
             time.sleep(_LOOK_S)
 
 

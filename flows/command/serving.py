@@ -8,7 +8,8 @@ from urllib.parse import urlsplit
 
 from flows.command import printing
 from flows.command.options import UsageError
-from flows.serving import Served, serve
+from flows.served import Served
+from flows.serving import serve
 from storage import create_archive
 from storage.inbox.listing import open_inbox
 from storage.inbox.memory import look_now

@@ -143,6 +143,22 @@ def test_what_may_not_be_read_is_tried_again_and_never_moved(
     assert (folder / "closed.trc").exists()
 
 
+def test_what_cannot_be_moved_away_stops_no_other(scan, tmp_path, folder, write_walk, monkeypatch):
+    (folder / "broken.trc").write_bytes(BROKEN)
+    write_walk(folder / "okuri48.trc")
+    from flows import inbox
+
+    def refuse(*_):
+        raise PlaceError("cannot move it: Permission denied; choose a place that you may write to")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(inbox, "move_to_quarantine", refuse)
+        state = scan()
+    assert (state.type.value, state.name) == ("FAILED", "Failed")
+    assert "choose a place that you may write to) (tried again after 60 s)" in state.message
+    assert known(tmp_path, folder) == {"broken.trc": "failed", "okuri48.trc": "in"}
+
+
 def test_links_that_leave_the_inbox_are_not_read_unless_a_root_says_so(
     scan, tmp_path, folder, write_walk
 ):
@@ -263,7 +279,7 @@ def test_a_capture_is_digitized_by_one_run_of_its_own_that_is_followed(
 
 def test_the_run_that_finds_a_capture_bad_moves_it_away(tmp_path, folder, monkeypatch):
     from flows.forms import digitize
-    from flows.serving import VARIABLE, Served, write_served
+    from flows.served import VARIABLE, Served, write_served
 
     archive = create_archive(tmp_path / "archive").location
     served = Served(archive, inboxes=[str(folder)], roots=[str(folder), str(tmp_path / "root")])

@@ -6,7 +6,7 @@ const FILMS = ["video/mp4;codecs=avc1.42E01F", "video/mp4;codecs=vp9", "video/mp
 const REST_MS = 500; // stillness before and after a film
 const MODES = ["overlay", "side", "query"];
 const BODY_ASIDE = 1.35; // metres from a figure to its colored body
-const TALL_M = 2.35, REACH_M = 1.5; // metres that are in the picture: up, and about each figure
+const TALL_M = 2.55, REACH_M = 1.5; // metres that are in the picture: up, and about each figure
 const FIELD_OF_VIEW = 36; // degrees
 const AHEAD_S = 4; // seconds of frames that are asked for before they are shown
 
@@ -232,7 +232,7 @@ export default {
       }
       const low = Math.min(...at), high = Math.max(...at), half = Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
       const far = Math.max(TALL_M / (2 * half), (high - low + REACH_M) / (2 * half * this.camera.aspect));
-      this.orbit.target.set((low + high) / 2, 0.88, 0);
+      this.orbit.target.set((low + high) / 2, 0.8, 0);
       this.camera.position.set(0.42, 0.36, 1).normalize().multiplyScalar(far).add(this.orbit.target);
       this.middle = { x: 0, z: 0 };
       this.orbit.update();

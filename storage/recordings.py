@@ -79,7 +79,7 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
         if fault := _name_fault(path):
             faults.append(fault)
         elif path.is_dir():
-            below = sorted(_recordings_below(path))
+            below = sorted(recordings_below(path))
             found += below
             if not below:
                 faults.append(f"{path} holds neither {wanted.replace(' or ', ' nor ')}")
@@ -185,7 +185,7 @@ def read_metadata(motion_file: Path) -> dict[str, Any]:
     InputError
         If the file cannot be read as TOML, has no such table, or a number that is not finite.
     """
-    path = _beside(motion_file)
+    path = metadata_beside(motion_file)
     if path is None:
         return {}
     try:
@@ -199,7 +199,7 @@ def read_metadata(motion_file: Path) -> dict[str, Any]:
     return plain_metadata(table, f"[take] of {path}")
 
 
-def _beside(motion_file: Path) -> Path | None:
+def metadata_beside(motion_file: Path) -> Path | None:
     """Return the .toml beside a motion file, in whatever way the letters of its name are composed.
 
     Macs and shares from Macs decompose a name, and not always that of both files.
@@ -256,7 +256,7 @@ def _identity(folder: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def _recordings_below(folder: Path) -> list[Path]:
+def recordings_below(folder: Path) -> list[Path]:
     """Collect the motion files and the captures below a folder, each folder once.
 
     Links to folders come last: what lies there already keeps the path that it had.

@@ -38,6 +38,10 @@ WITHOUT_KERNELS = ("tests/storage/", "tests/tasks/motion/", "tests/flows/", "tes
 """Where tests reach no compiled code, or none that others do not: they run interpreted only."""
 
 
+LONGEST = ("test_serving.py", "test_digitization.py", "test_flows.py")
+"""Files that take minutes: at the end, one core would wait for them."""
+
+
 def pytest_collection_modifyitems(items):
     """Put the long files first, so that both cores are busy to the end; mark what has kernels."""
     weights = {}
@@ -46,7 +50,7 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.kernels)
         marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
         weights[item.path] = max(weights.get(item.path, marks), marks)
-    items.sort(key=lambda item: weights[item.path], reverse=True)
+    items.sort(key=lambda item: (item.path.name in LONGEST, weights[item.path]), reverse=True)
 
 
 @pytest.fixture(scope="session")

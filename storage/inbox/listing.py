@@ -18,7 +18,7 @@ from storage.errors import InputError, PlaceError
 from storage.formats import MOTION_SUFFIXES
 from storage.formats.capture.capture_toml import MARK
 from storage.places import Place, open_place, told
-from storage.recordings import _beside, _recordings_below
+from storage.recordings import metadata_beside, recordings_below
 from storage.roots import is_url
 
 QUARANTINE = "quarantine"
@@ -110,7 +110,7 @@ def list_waiting(inbox: Inbox) -> dict[str, str]:
         )
     with told(f"list the inbox {folder}"):
         os.listdir(folder)  # a walk passes over what may not be read
-        found = _recordings_below(folder)
+        found = recordings_below(folder)
     names = sorted(path.relative_to(folder).as_posix() for path in found)
     return {name: stamp_of(inbox, name) for name in names if not _is_apart(name)}
 
@@ -163,7 +163,7 @@ def _file_lines(path: Path) -> Iterator[str]:
     """Yield a line for a motion file, and one for its metadata."""
     yield _line(path, path.name)
     try:
-        beside = _beside(path)
+        beside = metadata_beside(path)
     except OSError:
         return
     if beside is not None:

@@ -15,7 +15,7 @@ import obstore
 from storage.inbox.listing import QUARANTINE, Inbox, files_of
 from storage.places import told, write_file
 from storage.provenance import now
-from storage.recordings import _beside
+from storage.recordings import metadata_beside
 
 REASON = "REASON.txt"
 _MOST_NAMES = 10_000  # of one name in quarantine; then something is wrong
@@ -49,7 +49,7 @@ def move_to_quarantine(inbox: Inbox, name: str, reason: str) -> str | None:
     if not path.parent.resolve().is_relative_to(inbox.folder) or not os.path.lexists(path):
         return None
     with told(f"move {path} to {inbox.folder / QUARANTINE}"):
-        beside = _beside(path) if not path.is_dir() else None
+        beside = metadata_beside(path) if not path.is_dir() else None
         if (inbox.folder / QUARANTINE).is_symlink():
             raise NotADirectoryError(errno.ENOTDIR, "quarantine is a link; make it a folder")
         into = _make_folder(inbox.folder / QUARANTINE, _shown(path.name))

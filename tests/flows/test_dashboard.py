@@ -277,14 +277,15 @@ def capture(tmp_path_factory):
 @pytest.mark.usefixtures("prefect_server")
 def test_a_digitization_is_on_the_dashboard_and_in_its_log(capture, tmp_path):
     from prefect.client.orchestration import get_client
+    from prefect.client.schemas.sorting import ArtifactSort, LogSort
 
     from flows.ingestion import ingest_archive
 
     archive = str(tmp_path / "dashed")
     ingest_archive(archive, [str(capture)])
     with get_client(sync_client=True) as client:
-        found = client.read_artifacts(limit=100)
-        logs = client.read_logs(limit=200)
+        found = client.read_artifacts(limit=100, sort=ArtifactSort.CREATED_DESC)
+        logs = client.read_logs(limit=200, sort=LogSort.TIMESTAMP_DESC)
     mine = [each for each in found if re.search("dashed|posed", f"{each.data}{each.description}")]
     kinds = {each.type: each for each in mine}
     assert set(kinds) == {"progress", "markdown", "table"}

@@ -53,7 +53,7 @@ def test_an_empty_bucket_is_no_archive(object_store):
 def test_a_run_killed_at_any_moment_leaves_the_old_version_or_the_new_one(object_store):
     rng = np.random.default_rng(20030602)
     published, patience_s = 0, 0.5
-    kills = cases(20)
+    kills = cases(8)
     for _ in range(kills):
         told = publish_until_killed(object_store, "okuri48", rng.uniform(0.0, patience_s))
         # so that on any machine two in three publish

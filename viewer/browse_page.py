@@ -16,7 +16,7 @@ from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.rendering.views import SEGMENT_COLORS
 from viewer.asking import search_address
-from viewer.components import Stage, Takes, give, made, say, tag
+from viewer.components import FIRST_VALUE, Stage, Takes, give, made, say, tag
 from viewer.holdings import Holdings, matching, performer_of, title_of
 from viewer.pairing import BODY, shown_motion, strip_of
 from viewer.shell import Shell, Site, begin_page
@@ -56,7 +56,7 @@ class BrowsePage:
             with tag("section", classes="takes-side"):
                 with tag("div", classes="takes-head"):
                     words = tag(
-                        "input", type="text", value=values.get("words", ""),
+                        "input", type="text", **{FIRST_VALUE: values.get("words", "")},
                         placeholder=texts["filter"], aria_label=texts["filter"],
                         data_control="filter",
                     )  # fmt: skip

@@ -14,6 +14,10 @@ _THREE = {
 }
 
 
+FIRST_VALUE = "^value"
+"""The property of an input that only says what it begins with: what is typed is never undone."""
+
+
 class Stage(ui.element, component="static/stage.js", esm=_THREE):
     """Query and match as they dance, with the controls of playing."""
 
@@ -85,7 +89,7 @@ def button(
 
 def field(kind: str, value: Any, on_change: Callable[[str], Any], **attributes: Any) -> ui.element:
     """Return an input that calls `on_change` with its text when it was changed."""
-    element = tag("input", type=kind, value=value, **attributes)
+    element = tag("input", type=kind, **{FIRST_VALUE: value}, **attributes)
     element.on(
         "change", lambda event: on_change(str(event.args)), js_handler="(e) => emit(e.target.value)"
     )

@@ -133,7 +133,10 @@ class SearchPage:
         self.shell.tell(" ".join(told))
         wanted = self.asking
         first = self.asking.take if self.asking.take in names else danced[0].take
-        await self.show_motion(await to_thread(self.holdings.motion, first))
+        motion = await to_thread(self.holdings.motion, first)
+        if self.motion is not None:  # the visitor was faster, and has chosen one
+            return
+        await self.show_motion(motion)
         if wanted.searched:
             await self.search(rank=wanted.match)
 

@@ -41,7 +41,7 @@ def test_a_first_visit_reaches_the_right_match_by_feet_only(open_page):
     page.keyboard.press("Enter")
     wait(
         page,
-        "() => document.querySelector('.timeline-strip') && window.shosa.stage?.figures?.[0]?.pose",
+        "() => document.querySelector('.timeline')?.dataset.drawn === 'asked'",
     )
     for which, frame in zip(("first", "last"), SHARED, strict=True):
         field = page.locator(f"[data-field={which}]")
@@ -185,12 +185,14 @@ def test_each_setting_changes_what_is_compared(open_page):
         page,
         "() => window.shosa.stage.strong?.length === 4 && !document.querySelector('.outdated')",
     )
+    assert page.input_value("[data-control=top]") == "10"
     page.fill("[data-control=top]", "3")
     page.press("[data-control=top]", "Enter")
     page.check("[data-control=mirror]")
     page.click("[data-control=search]")
     wait(page, "() => document.querySelectorAll('.result').length === 3")
     assert "mirror=yes" in page.url
+    assert page.input_value("[data-control=top]") == "3"  # no answer of the server undoes it
     page.locator("[data-control=threshold]").evaluate(
         "e => { e.value = 0.01; e.dispatchEvent(new Event('change')); }"
     )

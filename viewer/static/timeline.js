@@ -16,14 +16,14 @@ export default {
     </div>
     <canvas class="timeline-strip" ref="strip" aria-hidden="true"></canvas>
     <div class="timeline-fields">
-      <label>{{ texts.frames }} <input type="number" data-field="first" min="0" :max="motion.frames-1" :value="first" @change="typed($event,'first',1)"></label>
-      <label>– <input type="number" data-field="last" min="0" :max="motion.frames-1" :value="last" @change="typed($event,'last',1)"></label>
-      <label>{{ texts.seconds }} <input type="number" data-field="first_s" min="0" step="0.1" :value="(first/motion.rate).toFixed(2)" @change="typed($event,'first',motion.rate)"></label>
-      <label>– <input type="number" data-field="last_s" min="0" step="0.1" :value="(last/motion.rate).toFixed(2)" @change="typed($event,'last',motion.rate)"></label>
+      <label>{{ texts.frames }} <input type="number" data-field="first" min="0" :max="motion.frames-1" :value="draft.first ?? first" @input="draft = { first: $event.target.value }" @change="typed($event,'first',1)"></label>
+      <label>– <input type="number" data-field="last" min="0" :max="motion.frames-1" :value="draft.last ?? last" @input="draft = { last: $event.target.value }" @change="typed($event,'last',1)"></label>
+      <label>{{ texts.seconds }} <input type="number" data-field="first_s" min="0" step="0.1" :value="draft.first_s ?? (first/motion.rate).toFixed(2)" @input="draft = { first_s: $event.target.value }" @change="typed($event,'first',motion.rate)"></label>
+      <label>– <input type="number" data-field="last_s" min="0" step="0.1" :value="draft.last_s ?? (last/motion.rate).toFixed(2)" @input="draft = { last_s: $event.target.value }" @change="typed($event,'last',motion.rate)"></label>
     </div>
   </div>`,
   props: { motion: Object, body: Object, texts: Object },
-  data() { return { first: this.motion.start, last: this.motion.end }; },
+  data() { return { first: this.motion.start, last: this.motion.end, draft: {} }; }, // the draft is what is being typed
   watch: {
     motion(now, before) {
       this.first = now.start; this.last = now.end;
@@ -83,6 +83,7 @@ export default {
     },
     typed(event, which, scale) {
       const value = Number(event.target.value);
+      this.draft = {};
       if (Number.isFinite(value) && event.target.value !== "") {
         const frame = Math.max(0, Math.min(this.motion.frames - 1, Math.round(value * scale)));
         if (which === "first" && frame > this.last) this.last = Math.min(this.motion.frames - 1, frame + SHORTEST - 1);

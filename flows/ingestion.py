@@ -9,7 +9,8 @@ from typing import Any
 
 from prefect import flow, task
 from prefect.cache_policies import NO_CACHE
-from prefect.states import Completed, Failed, State
+from prefect.client.schemas.objects import State
+from prefect.states import Completed, Failed
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller, show_ingested
@@ -78,7 +79,8 @@ def run_ingestion(
     Parameters and errors are those of the flow; `runner` is what its tasks run on, by default
     threads of this process.
     """
-    run: Any = ingest_archive if runner is None else ingest_archive.with_options(task_runner=runner)
+    run: Any = ingest_archive  # pyright takes it for the function that it was
+    run = run if runner is None else run.with_options(task_runner=runner)
     told: list[Outcome] = []
     token = _TOLD.set(told)
     try:
@@ -153,7 +155,7 @@ def ingest_archive(
         (each, _unchanged(opened, each, importing, settings, again=again))
         for each in plan.recordings
     ]
-    runs = [
+    runs: list[tuple[Recording, Any]] = [
         (each, known or ingest_take.submit(opened.location, each, importing, settings, again))
         for each, known in started
     ]

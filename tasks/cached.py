@@ -14,7 +14,8 @@ from typing import Any, cast, get_type_hints
 
 from prefect import Task, task
 from prefect.cache_policies import NO_CACHE
-from prefect.states import Completed, State
+from prefect.client.schemas.objects import State
+from prefect.states import Completed
 from pydantic import TypeAdapter
 
 from storage import open_archive

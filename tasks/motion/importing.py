@@ -275,7 +275,7 @@ def _gap_notes(
     before, after = np.isnan(measured[..., 0]), np.isnan(whole[..., 0])
     gone = before & ~after
     if gone.any():
-        said = [name for name, one in zip(names, gone.any(axis=0), strict=True) if one]
+        said = [names[i] for i in np.flatnonzero(gone.any(axis=0))]
         yield (
             f"Gaps of up to {longest} frames were filled by a cubic spline: {gone.sum()} frames of "
             f"{', '.join(said)}."

@@ -92,7 +92,7 @@ def place_joints(position: NDArray[np.float64], choice: Choice) -> NDArray[np.fl
     """Return the 21 joints, (time, 21, 3), from the markers in metres."""
     given = {
         # One marker alone is no copy: a take may be long.
-        point: position[:, recipe].mean(axis=1) if len(recipe) > 1 else position[:, recipe[0]]
+        point: position[:, recipe[0]] if len(recipe) == 1 else position[:, recipe].mean(axis=1)
         for point, recipe in choice.recipes.items()
     }
     points = place_points(given)

@@ -62,7 +62,7 @@ def remove_strays(
     stray |= lost[:, None] & ~np.isnan(position[..., 0])
     if not stray.any():
         return position, [], []
-    counts = [f"{names[n]} {stray[:, n].sum()}" for n in np.flatnonzero(stray.any(axis=0))]
+    counts = [f"{names[int(n)]} {stray[:, n].sum()}" for n in np.flatnonzero(stray.any(axis=0))]
     note = (
         f"{stray.sum()} positions are more than {REACH_M:g} m from the body, or with it more than "
         f"{_OFF_WAY_M:g} m off its way, and were taken as missing (frames of {', '.join(counts)})."

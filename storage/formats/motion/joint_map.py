@@ -5,6 +5,7 @@ A line a joint: `RHip = "RH"`, or `RHip = ["RASI", "RPSI"]` for the middle of ma
 
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from storage.errors import InputError
 from storage.formats.encodings import normalized
@@ -43,7 +44,7 @@ def _faults(joint: str, value: object) -> list[str]:
         folded = {name.casefold(): name for name in JOINTS}
         near = [folded[name] for name in get_close_matches(joint.casefold(), folded, n=3)]
         faults.append(f"{joint!r} is no joint; {_or(near or JOINTS)} is")
-    names = value if isinstance(value, list) else [value]
+    names: list[Any] = value if isinstance(value, list) else [value]
     if not names or not all(isinstance(name, str) and name.strip() for name in names):
         faults.append(f"{joint} = {value!r} is neither a marker's name nor a list of names")
     elif len(set(map(normalized, names))) < len(names):

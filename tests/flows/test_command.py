@@ -29,7 +29,7 @@ from tasks.takes.publishing import publish_take
 
 COMMANDS = (
     *("demo", "ingest", "serve", "plan", "render", "takes", "show", "path", "search", "index"),
-    *("export", "verify", "gc", "doctor", "settings"),
+    *("view", "report", "export", "verify", "gc", "doctor", "settings"),
 )
 
 
@@ -335,7 +335,7 @@ def test_bad_input_is_one_sentence_and_exit_code_3(archive, capsys, tmp_path):
         (["search", archive, tmp_path / "noise.bvh"], "noise.bvh"),
         (["search", archive, tmp_path / "none.trc"], "none.trc"),
         (["export", archive, "radio", tmp_path / "out.xyz"], "should end in one of"),
-        (["export", archive, "radio", tmp_path / "out.glb"], "be written as (voxels: .ply; what"),
+        (["export", archive, "radio", tmp_path / "out.obj"], "should end in one of"),
         (["export", archive, "radio", tmp_path / "o.trc", "--frames", "0-99"], "goes beyond"),
     ]
     for arguments, message in cases:

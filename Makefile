@@ -25,21 +25,23 @@ lint: setup
 # a file of tests stays on one core, with what it makes once; files start in the order of conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# interpreted first, where an index out of bounds is an error; then compiled, what has kernels; last
-# what needs a server; `pytest` alone takes what needs no server and a second at most
+# first what reaches no kernels, in which nothing is compiled; then what does; last what needs a
+# server; `pytest` alone takes what needs no server and a second at most
 test: setup
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (compiled or slow or flow or s3)"
-	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3)"
-	$(BIN)/pytest $(TWO_CORES) -m "flow or s3"
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3)"
+	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3 or long)"
+	$(BIN)/pytest $(TWO_CORES) -m "(flow or s3) and not long"
 
-# what the tests reach; measuring takes a third longer, and cannot see into compiled code
+# what the tests reach, interpreted: measuring cannot see into compiled code, and there an index out
+# of bounds is an error
 coverage: setup
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not (compiled or slow or flow or s3)"
-	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m "flow or s3"
+	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m "(flow or s3) and not long"
 
-# tests that draw their cases, twenty times as many: kills, damaged files, tracks
+# tests that draw their cases, twenty times as many (kills, damaged files, tracks), and those that
+# take long: the viewer in a browser, workers of a cluster
 test-long: setup
-	$(BIN)/pytest $(TWO_CORES) --hypothesis-profile long -m drawn
+	$(BIN)/pytest $(TWO_CORES) --hypothesis-profile long -m "drawn or long"
 
 bench: setup
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'

@@ -138,6 +138,7 @@ def test_a_search_as_a_flow_answers_as_the_search_does(ingest, tmp_path):
     assert direct.matches[0].distance == 0.0
 
 
+@pytest.mark.long
 def test_a_run_killed_in_the_middle_is_finished_by_the_next(ingest, tmp_path, inbox, write_walk):
     """The program is killed at moments spread over its run; only the server lives on."""
     from prefect.settings import PREFECT_API_URL

@@ -103,6 +103,7 @@ def die_in_the_second_block(mark):
 
 @pytest.mark.flow
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("prefect_server")
 def test_blocks_on_workers_make_the_same_take_also_when_one_is_killed(
     capture, tmp_path, monkeypatch

@@ -50,6 +50,7 @@ def test_an_empty_bucket_is_no_archive(object_store):
 
 
 @pytest.mark.drawn
+@pytest.mark.long
 def test_a_run_killed_at_any_moment_leaves_the_old_version_or_the_new_one(object_store):
     rng = np.random.default_rng(20030602)
     published, patience_s = 0, 0.5

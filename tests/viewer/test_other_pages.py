@@ -16,7 +16,7 @@ from tests.conftest import ROOT
 from tests.figures.dances import SHARED, VOXELS
 from tests.viewer.conftest import wait
 
-pytestmark = [pytest.mark.slow, pytest.mark.compiled]
+pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
 
 DRAWN = "() => window.shosa?.stage?.figures?.[0]?.pose"
 

@@ -8,7 +8,7 @@ from storage.schema import JOINTS
 from tests.figures.dances import ANSWER, HOSTILE, SHARED, SURFACE, add_dance, lively
 from tests.viewer.conftest import HANGING_MS, poll, poses, wait
 
-pytestmark = [pytest.mark.slow, pytest.mark.compiled]
+pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
 
 FEET = [JOINTS.index(side + end) for side in "RL" for end in ("Heel", "Foot")]
 HANDS = [JOINTS.index(side + "Fin") for side in "RL"]

@@ -116,12 +116,7 @@ def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
             logger.info("    %s: %s", take, moment.said())
         if artifact and (moment.share == 1.0 or now_s - shown_s > _EVERY_S):
             shown_s = now_s
-            shown(
-                update_progress_artifact,
-                artifact_id=artifact,
-                progress=round(100.0 * moment.share, 1),
-                description=_progress_line(moment, take),
-            )
+            _show_progress(artifact, moment, take)
 
     return tell
 
@@ -147,14 +142,19 @@ def count_teller(what: str, total: int) -> Callable[[int], None]:
         show_watcher(moment)
         if artifact and (done == total or now_s - shown_s > _EVERY_S):
             shown_s = now_s
-            shown(
-                update_progress_artifact,
-                artifact_id=artifact,
-                progress=round(100.0 * moment.share, 1),
-                description=_progress_line(moment, what),
-            )
+            _show_progress(artifact, moment, what)
 
     return tell
+
+
+def _show_progress(artifact: Any, moment: Moment, what: str) -> None:
+    """Show how far something is, in the artifact of its progress."""
+    shown(
+        update_progress_artifact,
+        artifact_id=artifact,
+        progress=round(100.0 * moment.share, 1),
+        description=_progress_line(moment, what),
+    )
 
 
 def _progress_line(moment: Moment, what: str) -> str:

@@ -54,15 +54,15 @@ def run_once(function: Callable[..., Any], **parameters: Any) -> Any:
     return adapter.validate_python(state.result())
 
 
-def _cached(name: str, function: Callable[..., Any]) -> Task[..., Any]:
+def _cached(
+    name: str, function: Callable[..., Any], run_or_find: Callable[..., tuple[Any, bool]]
+) -> Task[..., Any]:
     """Return a store function as a task that looks into the archive before it computes."""
 
     def run_name(parameters: dict[str, Any]) -> str:
         return f"{name} of {_work(parameters)}"
 
     adapter = TypeAdapter(get_type_hints(function)["return"])
-    run_or_find = _run_or_find_index if function is index_take else _run_or_find_block
-
     signature = inspect.signature(function)
 
     @functools.wraps(function)  # for Prefect, which reads the names of the parameters
@@ -119,17 +119,17 @@ def _work(parameters: dict[str, Any]) -> str:
 
 
 _STAGES: dict[Callable[..., Any], Task[..., Any]] = {
-    function: _cached(name, function)
-    for name, function in (
-        ("silhouettes", extract_block),
-        ("carving", carve_block),
-        ("coloring", color_block),
-        ("initial model", model_take),
-        ("pose fitting", fit_take),
-        ("final labeling", label_block),
-        ("provisional labeling", label_block_provisionally),
-        ("joint tracks", track_take),
-        ("indexing", index_take),
+    function: _cached(name, function, run_or_find)
+    for name, function, run_or_find in (
+        ("silhouettes", extract_block, _run_or_find_block),
+        ("carving", carve_block, _run_or_find_block),
+        ("coloring", color_block, _run_or_find_block),
+        ("initial model", model_take, _run_or_find_block),
+        ("pose fitting", fit_take, _run_or_find_block),
+        ("final labeling", label_block, _run_or_find_block),
+        ("provisional labeling", label_block_provisionally, _run_or_find_block),
+        ("joint tracks", track_take, _run_or_find_block),
+        ("indexing", index_take, _run_or_find_index),
     )
 }
-"""Each stage as a task, under the name that the dashboard shows."""
+"""Each stage as a task, under the name that the dashboard shows, and how a hit is found."""

@@ -22,7 +22,8 @@ from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present
-from tasks.retrieval.searching import PackedTake, read_packed_takes
+from tasks.retrieval.opening import read_packed_takes
+from tasks.retrieval.segments import PackedTake
 
 if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings

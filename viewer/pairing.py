@@ -16,14 +16,8 @@ from tasks.retrieval.explaining import (
     samples_of_match,
 )
 from tasks.retrieval.normalization import INDEX_RATE_HZ, OTHER_SIDE
-from tasks.retrieval.searching import (
-    Match,
-    PackedTake,
-    Query,
-    SearchSettings,
-    clip_motion,
-    clip_take,
-)
+from tasks.retrieval.searching import Match, Query, SearchSettings, clip_motion, clip_take
+from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.weighting import joint_weights
 from viewer.holdings import FILE, Holdings, Motion, performer_of, title_of
 

@@ -20,7 +20,8 @@ from nicegui import ui
 from storage.errors import PlaceError
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
-from tasks.retrieval.searching import PackedTake, Query, search_takes
+from tasks.retrieval.searching import Query, search_takes
+from tasks.retrieval.segments import PackedTake
 from viewer.body_page import body_page
 from viewer.browse_page import browse_page
 from viewer.data import add_data

@@ -11,7 +11,8 @@ import numpy as np
 from storage import create_archive
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
-from tasks.retrieval.searching import PackedTake, Query, SearchSettings, search_takes
+from tasks.retrieval.searching import Query, SearchSettings, search_takes
+from tasks.retrieval.segments import PackedTake
 
 _FREE_BYTES_MIN = 2e9
 """Room that an archive wants at least [bytes]. A few takes with voxels; chosen, not measured."""

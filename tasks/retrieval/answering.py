@@ -19,13 +19,13 @@ from storage.formats import MOTION_SUFFIXES
 from storage.publication import Record
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.opening import read_packed_takes
 from tasks.retrieval.searching import (
     Match,
     Query,
     SearchSettings,
     clip_motion,
     clip_take,
-    read_packed_takes,
     search_takes,
 )
 

@@ -10,7 +10,7 @@ beyond the paper.
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -18,10 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.arrays.search import open_search_array
-from storage.errors import ArchiveError
-from storage.places import Place
-from storage.publication import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import joints_present
 from tasks.retrieval.normalization import (
@@ -29,42 +25,24 @@ from tasks.retrieval.normalization import (
     OTHER_SIDE,
     PARTS,
     PATH_ROWS,
-    ROWS,
     SHOULDER_ROWS,
     clip_samples,
     frame_of_sample,
     mirror_rows,
     pack_motion,
-    sample_count,
 )
+from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.warping import Clip, select_matches, shortest_match, warm_up, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 
 _UPPER_JOINTS = {*PARTS["arms"], *PARTS["head"]}
 _SHOULDERS = tuple(JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
 _HIPS = tuple(JOINTS.index(name) for name in ("RHip", "LHip"))
-_REQUESTS_AT_ONCE = 16
-"""How many search arrays are fetched from an object store at a time. Chosen; it answers slowly, and
-many at once."""
 _PIECE = 1 << 12
 """How many samples a piece of a take has at least. A longer take is cut for several threads."""
 _PIECE_IN_QUERIES = 16
 """How many times as long as the query a piece is at least [times]. Warming up costs a piece an
 eighth at most then."""
-
-
-@dataclass(frozen=True, eq=False)
-class PackedTake:
-    """A take as the search reads it."""
-
-    name: str
-    rows: NDArray[np.float32]
-    """(row, sample) from `pack_motion`; may be mapped into memory."""
-    rate_hz: float
-    """Frames a second of the take itself."""
-    frames: int
-    joints_present: NDArray[np.bool_]
-    """(21,) from `joints_present`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,42 +340,3 @@ def _search_take(
         )
         for version, first, last, near in found
     ]
-
-
-def read_packed_takes(
-    place: Place, records: Sequence[Record]
-) -> tuple[list[PackedTake], dict[str, str]]:
-    """Return the packed arrays of takes, mapped on a disk, and which could not be opened.
-
-    Returns
-    -------
-    packed
-        In the order of `records`; each is known to be that of its take, and whole.
-    skipped
-        Why, by the name of the take: it has no motion, or its search array is missing or damaged.
-    """
-    if place.folder:
-        found = [_open_packed(place, record) for record in records]
-    else:
-        with ThreadPoolExecutor(_REQUESTS_AT_ONCE) as pool:
-            found = list(pool.map(lambda record: _open_packed(place, record), records))
-    packed = [each for each in found if isinstance(each, PackedTake)]
-    named = zip(records, found, strict=True)
-    return packed, {record.take: each for record, each in named if isinstance(each, str)}
-
-
-def _open_packed(place: Place, record: Record) -> PackedTake | str:
-    """Return the packed array of a take, or why it cannot be searched."""
-    if "motion" not in record.stages:
-        return f"take {record.take!r} has no motion, only voxels"
-    try:
-        rows = open_search_array(place, record.take, record.version)
-    except ArchiveError as error:
-        return str(error)
-    if rows.shape != (ROWS, sample_count(record.frames, record.rate_hz)):
-        return (
-            f"the search array of take {record.take!r} has shape {rows.shape}, which is not that "
-            "of its motion; run `shosa index` on the archive"
-        )
-    present = np.array([joint in record.joints_present for joint in JOINTS])
-    return PackedTake(record.take, rows, record.rate_hz, record.frames, present)

@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.normalization import PARTS, ROWS
-from tasks.retrieval.searching import PackedTake, Query, SearchSettings, clip_motion
+from tasks.retrieval.searching import Query, SearchSettings, clip_motion
+from tasks.retrieval.segments import PackedTake
 
 JOINTS = PARTS["whole"]
 LEFT_OUT = ("Waist", "RHeel", "LHeel")

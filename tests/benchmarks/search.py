@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.retrieval.searching import PackedTake, Query, search_takes
+from tasks.retrieval.searching import Query, search_takes
+from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.warping import warp
 from tests.benchmarks.motions import (
     SETTINGS,

@@ -24,7 +24,8 @@ from tasks.motion.importing import ImportSettings, import_take
 from tasks.motion.stature import joints_present
 from tasks.retrieval.indexing import index_take
 from tasks.retrieval.normalization import pack_motion
-from tasks.retrieval.searching import PackedTake, SearchSettings, clip_take, search_takes
+from tasks.retrieval.searching import SearchSettings, clip_take, search_takes
+from tasks.retrieval.segments import PackedTake
 from tasks.takes.publishing import publish_take
 
 COMMANDS = (

@@ -10,7 +10,8 @@ from tasks.retrieval.normalization import (
     pack_motion,
     sample_count,
 )
-from tasks.retrieval.searching import PackedTake, Query, SearchSettings, search_takes
+from tasks.retrieval.searching import Query, SearchSettings, search_takes
+from tasks.retrieval.segments import PackedTake
 from tests.conftest import swaying_body
 
 

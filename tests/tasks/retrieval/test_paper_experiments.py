@@ -10,7 +10,8 @@ import pytest
 from storage.schema import JOINTS
 from tasks.motion.stature import joints_present, measure_stature
 from tasks.retrieval.normalization import pack_motion
-from tasks.retrieval.searching import PackedTake, clip_take, search_takes
+from tasks.retrieval.searching import clip_take, search_takes
+from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.weighting import SearchSettings
 from tasks.studio.performances import demo_performances
 

@@ -8,14 +8,8 @@ import pytest
 from tasks.motion.stature import joints_present, measure_stature
 from tasks.retrieval import searching
 from tasks.retrieval.normalization import PARTS, pack_motion
-from tasks.retrieval.searching import (
-    Match,
-    PackedTake,
-    SearchSettings,
-    clip_motion,
-    clip_take,
-    search_takes,
-)
+from tasks.retrieval.searching import Match, SearchSettings, clip_motion, clip_take, search_takes
+from tasks.retrieval.segments import PackedTake
 from tests.twins import search as naive
 
 JOINTS = PARTS["whole"]

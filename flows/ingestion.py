@@ -152,7 +152,7 @@ def ingest_archive(
         done += 1
         outcomes.append(tell(known, done, total))
     parts = split_recordings(new)
-    runs = [
+    runs: list[Any] = [
         ingest_take.submit(opened.location, part[0], settings, again)
         if part[0].kind == "capture"
         else ingest_files.submit(opened.location, part, importing, again)

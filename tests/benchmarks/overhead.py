@@ -10,10 +10,12 @@ import argparse
 import os
 import resource
 import socket
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 
 from flows.server import ServerError, check_url
@@ -71,14 +73,12 @@ def measure(folder: Path, files: int, frames: int) -> None:
     client, served, work, stored = (
         (many - one) / (files - 1) for one, many in zip(spent["one"], spent["many"], strict=True)
     )
-    sys.stdout.write(f"a motion file of {frames} frames, in a run of {files}:")
     sys.stdout.write(
-        f"  client {client * 1e3:6.1f} ms, server {served * 1e3:6.1f} ms of processor time"
+        f"a motion file of {frames} frames, in a run of {files}, in processor time:\n"
+        f"  client {client * 1e3:.1f} ms, server {served * 1e3:.1f} ms, the work itself "
+        f"{work * 1e3:.1f} ms, beyond it {(client + served - work) * 1e3:.1f} ms\n"
+        f"  database {stored / 1e3:.1f} kB\n"
     )
-    sys.stdout.write(
-        f"  the work itself {work * 1e3:6.1f} ms; beyond it {(client + served - work) * 1e3:.1f}"
-    )
-    sys.stdout.write(f"  database {stored / 1e3:6.1f} kB")
 
 
 def take_in_plainly(archive: str, folder: str) -> None:
@@ -144,8 +144,13 @@ def used_by(process: int) -> float:
 
 
 def size_of(home: Path) -> int:
-    """Return how large a server's database is [bytes]."""
-    return sum(each.stat().st_size for each in home.glob("prefect.db*") if each.suffix != ".db-shm")
+    """Return how much a server's database holds [bytes]."""
+    with closing(sqlite3.connect(home / "prefect.db")) as database:
+        pages, free, size = (
+            database.execute(f"PRAGMA {name}").fetchone()[0]
+            for name in ("page_count", "freelist_count", "page_size")
+        )
+    return (pages - free) * size
 
 
 if __name__ == "__main__":

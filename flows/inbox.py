@@ -16,6 +16,7 @@ from prefect.exceptions import ObjectNotFound
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
+from flows.served import POOL
 from storage import Archive, create_archive
 from storage.errors import ArchiveError, InputError
 from storage.files import NotRegularError
@@ -168,7 +169,8 @@ def ingest_here(
     from flows.ingestion import ingest_archive  # numba and the stages: not for a look
 
     run: Any = ingest_archive
-    with tags(*flow_run.tags):  # a run inside a run does not inherit them
+    ours = [each for each in flow_run.tags if each.startswith(POOL)]
+    with tags(*ours):  # a run inside a run does not inherit them
         state = run(
             archive, [str(p) for p in paths], settings=settings, return_state=True, **options
         )

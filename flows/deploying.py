@@ -7,12 +7,10 @@ takes 200 MB that the supervisor need not keep.
 """
 
 import os
-import re
 import socket
 import sys
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 from prefect import Flow, get_client
@@ -31,12 +29,14 @@ from prefect.client.schemas.objects import (
 from prefect.client.schemas.responses import SetStateStatus
 from prefect.events.actions import ChangeFlowRunState
 from prefect.events.schemas.automations import AutomationCore, EventTrigger, Posture
+from prefect.events.schemas.events import ResourceSpecification
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
 from prefect.states import Crashed
 from prefect.types.entrypoint import EntrypointType
 
 from flows import forms
-from flows.served import POOL, Served, read_served
+from flows.processes import served_processes
+from flows.served import POOL, Served, read_served, tag_of
 
 _DIED = (
     "The run gives no sign of life: its process was killed, or its machine was switched off. What "
@@ -64,7 +64,7 @@ def main(action: str) -> None:
             return
         _make_pool(client, served)
         _crash_dead_runs(client)
-        _make_automation(client)
+        _make_automation(client, served)
     for each in _deployments(served):
         each.apply()
 
@@ -142,7 +142,7 @@ def _crash_dead_runs(client: Any) -> None:
     While a worker of another machine works, only what waits for too long to begin is crashed; the
     automation looks after the rest.
     """
-    shared, here = _is_anybody_working(client), _runs_of_this_machine()
+    shared, here = _is_anybody_working(client), {each.run for each in served_processes()}
     states = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
     wanted = FlowRunFilter(
         state=FlowRunFilterState(type=FlowRunFilterStateType(any_=states))  # type: ignore[call-arg]
@@ -176,40 +176,38 @@ def _parent_of(client: Any, run: FlowRun) -> Any:
     return None
 
 
-def _runs_of_this_machine() -> set[str]:
-    """Return the runs that have a living process here (Linux)."""
-    found = set()
-    for path in Path("/proc").glob("[0-9]*/environ"):
-        with suppress(OSError):
-            if said := re.search(rb"PREFECT__FLOW_RUN_ID=([0-9a-f-]+)", path.read_bytes()):
-                found.add(said[1].decode())
-    return found
-
-
-def _make_automation(client: Any) -> None:
-    """Have the server crash runs whose heart stopped, once for all."""
-    if client.read_automations_by_name(AUTOMATION):
-        return
+def _make_automation(client: Any, served: Served) -> None:
+    """Have the server crash runs of this archive whose heart stopped; others are not touched."""
     beat = "prefect.flow-run.heartbeat"
     ended = [f"prefect.flow-run.{end}" for end in ("Completed", "Failed", "Cancelled", "Crashed")]
-    client.create_automation(
-        AutomationCore(
-            name=AUTOMATION,
-            description="Without it they would count as running for ever.",
-            trigger=EventTrigger(
-                after={beat},
-                expect={beat, *ended},
-                match={"prefect.resource.id": "prefect.flow-run.*"},  # type: ignore[arg-type]
-                for_each={"prefect.resource.id"},
-                posture=Posture.Proactive,
-                threshold=1,
-                within=timedelta(seconds=_SILENT_S),
-            ),
-            actions=[
-                ChangeFlowRunState(name=None, state=StateType.CRASHED, message=_DIED, force=False)
-            ],
-        )
+    related = ResourceSpecification(
+        {
+            "prefect.resource.id": f"prefect.tag.{tag_of(served.archive)}",
+            "prefect.resource.role": "tag",
+        }
     )
+    wanted = AutomationCore(
+        name=AUTOMATION,
+        description="Without it they would count as running for ever.",
+        trigger=EventTrigger(
+            after={beat},
+            expect={beat, *ended},
+            match={"prefect.resource.id": "prefect.flow-run.*"},  # type: ignore[arg-type]
+            match_related=related,
+            for_each={"prefect.resource.id"},
+            posture=Posture.Proactive,
+            threshold=1,
+            within=timedelta(seconds=_SILENT_S),
+        ),
+        actions=[
+            ChangeFlowRunState(name=None, state=StateType.CRASHED, message=_DIED, force=False)
+        ],
+    )
+    known = client.read_automations_by_name(AUTOMATION)
+    if not known:
+        client.create_automation(wanted)
+    elif getattr(known[0].trigger, "match_related", None) != related:  # of before, or elsewhere
+        client.update_automation(known[0].id, wanted)
 
 
 def _deployments(served: Served) -> list[Any]:
@@ -235,7 +233,7 @@ def _deployments(served: Served) -> list[Any]:
             name,
             work_pool_name=POOL,
             entrypoint_type=EntrypointType.MODULE_PATH,
-            tags=["shosa"],
+            tags=["shosa", tag_of(served.archive)],
             **options,
         )
         for each, name, options in deployments

@@ -28,7 +28,7 @@ from tasks.settings import (
     settings_of_stages,
 )
 from tasks.takes.assembling import Blocks, assemble_take
-from tasks.takes.identity import code_of, why_anew
+from tasks.takes.identity import code_of, find_same, why_anew
 from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
@@ -82,8 +82,8 @@ def digitize_take(
         publish_take(archive, draft, over=record.number if record else 0)
     except ArchiveError:
         # another run that took in the same has published it, and removed the blocks
-        still, other = why_anew(opened, recording, changed)
-        if again or still or not other:
+        other = None if again else find_same(opened, recording, changed)
+        if other is None:
             raise
         discard_blocks(opened.place, made)
         return {**asdict(other), "published": False}

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 from uuid import UUID
 
-from prefect import State, flow, get_client
+from prefect import State, flow, get_client, tags
 from prefect.deployments import run_deployment
 from prefect.exceptions import ObjectNotFound
+from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
+from flows.served import POOL
 from storage import Archive, create_archive
 from storage.errors import ArchiveError, InputError
 from storage.files import NotRegularError
@@ -167,7 +169,11 @@ def ingest_here(
     from flows.ingestion import ingest_archive  # numba and the stages: not for a look
 
     run: Any = ingest_archive
-    state = run(archive, [str(p) for p in paths], settings=settings, return_state=True, **options)
+    ours = [each for each in flow_run.tags if each.startswith(POOL)]
+    with tags(*ours):  # a run inside a run does not inherit them
+        state = run(
+            archive, [str(p) for p in paths], settings=settings, return_state=True, **options
+        )
     outcomes = state.result(raise_on_failure=False)
     if isinstance(outcomes, list):
         return {outcome.path: outcome for outcome in outcomes}, state.message or ""

@@ -1,13 +1,14 @@
 """Motion files and captures into the takes of an archive."""
 
+import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from prefect import flow, task
+from prefect import flow, get_run_logger, task
 from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State
 from prefect.states import Completed, Failed
@@ -15,13 +16,13 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller, show_ingested
 from flows.digitization import choose_settings, digitize_take
+from flows.outcomes import Outcome, broken, ended, finished, refused, say_lost, tell
 from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConflictError, InputError, PlaceError
 from storage.recordings import (
     Recording,
-    Refusal,
     find_recordings,
     plan_takes,
     remember_source,
@@ -36,29 +37,17 @@ from tasks.motion.importing import (
 )
 from tasks.retrieval.indexing import find_index, index_take
 from tasks.settings import changed_settings, read_settings
-from tasks.takes.identity import why_anew
+from tasks.takes.identity import find_same
 from tasks.takes.publishing import publish_take
 
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one motion file or capture."""
-
-    path: str
-    status: str
-    """"ingested", "unchanged", "refused" (the file's fault) or "failed" (the run's)."""
-    take: str | None = None
-    frames: int = 0
-    rate_hz: float = 0.0
-    joints: int = 0
-    notes: list[str] = field(default_factory=list)
-    reason: str = ""
-
-
-_SAID = 5
-"""How many recordings a sentence names that were not taken in. Chosen: a paragraph on a page."""
+_FILES_A_TASK = 20
+"""How many motion files one run of a task takes in. Measured: a run costs client and server some
+150 ms, a file of 300 frames 66 ms; with twenty a run, few files are lost with a worker."""
+_BYTES_A_TASK = 8_000_000
+"""How much one run of a task takes in, where that is more than one file [bytes]: some seconds."""
 _TOLD: ContextVar[list[Outcome]] = ContextVar("_TOLD")
 """Where outcomes go as they come, so that they are known though the Prefect server goes away."""
 
@@ -149,54 +138,133 @@ def ingest_archive(
     total = len(plan.recordings)
     tell_done = count_teller(f"{total} recordings into {archive}", total)
     outcomes = _outcomes_of_run()
-    outcomes += [_refused(each) for each in plan.refusals]
-    # what the archive has costs no run of a task
-    started = [
-        (each, _unchanged(opened, each, importing, settings, again=again))
-        for each in plan.recordings
+    outcomes += [refused(each) for each in plan.refusals]
+
+    def find(recording: Recording) -> Outcome | None:
+        return _unchanged(opened, recording, importing, settings, again=again)
+
+    done = 0
+    new: list[Recording] = []
+    for recording in plan.recordings:  # what the archive has costs no run of a task
+        if (known := find(recording)) is None:
+            new.append(recording)
+            continue
+        done += 1
+        outcomes.append(tell(known, done, total))
+    parts = split_recordings(new)
+    runs: list[Any] = [
+        ingest_take.submit(opened.location, part[0], settings, again)
+        if part[0].kind == "capture"
+        else ingest_files.submit(opened.location, part, importing, again)
+        for part in parts
     ]
-    runs: list[tuple[Recording, Any]] = [
-        (each, known or ingest_take.submit(opened.location, each, importing, settings, again))
-        for each, known in started
-    ]
-    for done, (recording, run) in enumerate(runs, start=1):
-        result = run if isinstance(run, Outcome) else run.result(raise_on_failure=False)
-        outcomes.append(_tell(_outcome(recording, result), done, total))
+    for part, run in zip(parts, runs, strict=True):
+        for outcome in _outcomes(part, run.result(raise_on_failure=False), find):
+            done += 1
+            outcomes.append(tell(outcome, done, total))
+            if outcome.reason and len(part) > 1:
+                lose_take(outcome, return_state=True)
         tell_done(done)
+    order = {each.path: number for number, each in enumerate(plan.recordings)}
+    outcomes.sort(key=lambda each: order.get(each.path, -1))  # refusals first, as they came
     show_ingested(archive, [asdict(each) for each in outcomes])
     lost = [each for each in outcomes if each.reason]
     if not lost:
         return Completed(message=f"All {len(outcomes)} recordings are in.", data=outcomes)
-    return Failed(message=_say_lost(lost, len(outcomes)), data=outcomes)
+    return Failed(message=say_lost(lost, len(outcomes)), data=outcomes)
 
 
-@task(
-    task_run_name="ingest {recording.take}",
-    cache_policy=NO_CACHE,
-    persist_result=False,
-)
+def split_recordings(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Return what each run of a task takes in: a capture, or some motion files.
+
+    A run of a task costs three times as much as a small file; a large one is worth its own.
+    """
+    parts: list[list[Recording]] = []
+    files: list[Recording] = []
+    size = 0
+    for each in recordings:
+        if each.kind == "capture":
+            parts.append([each])
+            continue
+        size += _size_of(each.path)
+        if not files or len(files) == _FILES_A_TASK or size > _BYTES_A_TASK:
+            files, size = [], _size_of(each.path)
+            parts.append(files)
+        files.append(each)
+    return parts
+
+
+def _size_of(path: str) -> int:
+    """Return the size of a file; 0 where it is gone, which is said where it is read."""
+    try:
+        return Path(path).stat().st_size
+    except OSError:
+        return 0
+
+
+def _never_again(*_: Any) -> bool:
+    """Say that a run of a task is not tried again."""
+    return False
+
+
+_TASK: dict[str, Any] = {
+    "cache_policy": NO_CACHE,
+    "persist_result": False,
+    # never tried again, and asked whether: else Prefect logs "NoneType: None" below a Failed state
+    "retries": 1,
+    "retry_condition_fn": _never_again,
+}
+
+
+@task(task_run_name="ingest {recording.take}", **_TASK)
 def ingest_take(
     archive: str,
     recording: Recording,
-    importing: ImportSettings,
     settings: dict[str, Any] | None,
     again: bool,  # noqa: FBT001 - Prefect passes parameters by name
 ) -> State[Outcome]:
-    """Import one file, index it, and publish both at once; or digitize one capture.
+    """Digitize one capture.
 
     The state is Failed where the recording is refused, by a fault of its own, or fails, by one of
-    the archive's or the machine's.
+    the archive's, the machine's or the program's.
     """
-    try:
-        if recording.kind == "capture":
-            record, published = _digitize(archive, recording, settings, again=again)
-        else:
-            record, published = _import(archive, recording, importing, again=again)
-    except InputError as error:
-        return _ended(Outcome(recording.path, "refused", recording.take, reason=str(error)))
-    except (ArchiveError, PlaceError) as error:
-        return _ended(Outcome(recording.path, "failed", recording.take, reason=str(error)))
-    return _ended(_finished(recording, record, "ingested" if published else "unchanged"))
+    return ended(_outcome(recording, lambda: _digitize(archive, recording, settings, again=again)))
+
+
+def _name_of_files(parameters: dict[str, Any]) -> str:
+    """Return how the run of a task is called that takes in motion files."""
+    first, *more = (each.take for each in parameters["recordings"])
+    return f"ingest {first}{f' and {len(more)} more' if more else ''}"
+
+
+@task(task_run_name=cast(Any, _name_of_files), **_TASK)  # its type wants the method of a class
+def ingest_files(
+    archive: str,
+    recordings: list[Recording],
+    importing: ImportSettings,
+    again: bool,  # noqa: FBT001 - Prefect passes parameters by name
+) -> State[list[Outcome]]:
+    """Import each of some motion files, index it, and publish both at once.
+
+    One that is bad fails alone. The state is Failed where one was not taken in.
+    """
+    outcomes = []
+    for each in recordings:
+        take_in = functools.partial(_import, archive, each, importing, again=again)
+        outcomes.append(_outcome(each, take_in))
+    lost = [each for each in outcomes if each.reason]
+    if len(outcomes) == 1:
+        return ended(outcomes[0], data=outcomes)
+    if lost:
+        return Failed(message=say_lost(lost, len(outcomes)), data=outcomes)
+    takes = ", ".join(str(each.take) for each in outcomes)
+    return Completed(message=f"All {len(outcomes)} are in: {takes}", data=outcomes)
+
+
+@task(task_run_name="ingest {outcome.take}", **_TASK)
+def lose_take(outcome: Outcome) -> State[Outcome]:
+    """Show a take that was not taken in beside others, as a run of its own, with its reason."""
+    return ended(outcome)
 
 
 def _import(
@@ -204,17 +272,19 @@ def _import(
 ) -> tuple[dict[str, Any], bool]:
     """Take in a motion file; return its record, and False where the archive had it."""
     opened = open_archive(archive)
+    changed = changed_import_settings(settings_for(recording, importing))
     before = read_record(opened.place, recording.take)
+    if before and not again and (same := find_same(opened, recording, changed)):
+        return asdict(same), False  # this run, on a worker that died
     draft = import_take(archive, recording, importing)
     index_take(archive, draft["take"], draft["version"])
     try:
         publish_take(archive, draft, over=before.number if before else 0)
     except ConflictError:  # another run may have taken in the same
-        changed = changed_import_settings(settings_for(recording, importing))
-        reason, record = why_anew(opened, recording, changed)
-        if again or reason or not record:
+        same = None if again else find_same(opened, recording, changed)
+        if same is None:
             raise
-        return asdict(record), False
+        return asdict(same), False
     return draft, True
 
 
@@ -257,10 +327,10 @@ def _unchanged(
             changed = changed_settings(choose_settings(recording, settings or {})[0])
         else:
             changed = changed_import_settings(settings_for(recording, importing))
-        reason, record = why_anew(opened, recording, changed)
+        record = find_same(opened, recording, changed)
     except (InputError, ArchiveError, PlaceError):
         return None  # said where it is taken in
-    if reason or not record:
+    if record is None:
         return None
     if take_of_content(opened, recording.digest) is None:
         remember_source(opened, record)  # of a run that was killed before
@@ -269,7 +339,7 @@ def _unchanged(
         and find_index(opened.location, record.take, record.version) is None
     ):
         index_take(opened.location, record.take, record.version)
-    return _finished(recording, asdict(record), "unchanged")
+    return finished(recording, asdict(record), "unchanged")
 
 
 def _outcomes_of_run() -> list[Outcome]:
@@ -281,61 +351,26 @@ def _outcomes_of_run() -> list[Outcome]:
     return _TOLD.get([])
 
 
-def _ended(outcome: Outcome) -> State[Outcome]:
-    """Return the state of the run of a take."""
-    if outcome.reason:
-        return Failed(message=f"{outcome.status}: {outcome.reason}", data=outcome)
-    name = "Completed" if outcome.status == "ingested" else "Unchanged"
-    return Completed(name=name, message=f"{outcome.take}: {outcome.status}", data=outcome)
+def _outcome(recording: Recording, take_in: Callable[[], tuple[dict[str, Any], bool]]) -> Outcome:
+    """Return what becomes of a recording that is taken in, also where that breaks."""
+    try:
+        record, published = take_in()
+    except InputError as error:
+        return Outcome(recording.path, "refused", recording.take, reason=str(error))
+    except (ArchiveError, PlaceError) as error:
+        return Outcome(recording.path, "failed", recording.take, reason=str(error))
+    except Exception as error:
+        get_run_logger().exception("%s broke", recording.path)  # on the dashboard only
+        return broken(recording, error)
+    return finished(recording, record, "ingested" if published else "unchanged")
 
 
-def _say_lost(lost: list[Outcome], total: int) -> str:
-    """Say in one sentence what was not taken in."""
-    said = "; ".join(
-        f"{each.status}: {each.take or Path(each.path).name} ({each.reason})"
-        for each in lost[:_SAID]
-    )
-    more = f"; and {len(lost) - _SAID} more, which the table lists" if len(lost) > _SAID else ""
-    return f"{len(lost)} of {total} recordings were not taken in: {said}{more}"
-
-
-def _finished(recording: Recording, record: dict[str, Any], status: str) -> Outcome:
-    """Return the outcome of a recording that is in the archive."""
-    return Outcome(
-        recording.path,
-        status,
-        record["take"],
-        record["frames"],
-        record["rate_hz"],
-        len(record["joints_present"]),
-        record["notes"],
-    )
-
-
-def _refused(refusal: Refusal) -> Outcome:
-    """Return the outcome of a file that was refused unopened."""
-    logger.error("%s", refusal.reason)
-    return Outcome(refusal.path, "failed" if refusal.broken else "refused", reason=refusal.reason)
-
-
-def _outcome(recording: Recording, result: Outcome | Exception) -> Outcome:
-    """Return what a run gave, also where it broke: a bad take fails alone."""
-    if isinstance(result, Outcome):
-        return result
-    reason = f"{recording.path}: {type(result).__name__}: {result}; the run's log has the rest"
-    return Outcome(recording.path, "failed", recording.take, reason=reason)
-
-
-def _tell(outcome: Outcome, done: int, total: int) -> Outcome:
-    """Say what became of a file."""
-    if outcome.reason:
-        logger.error("[%d/%d] %s: %s", done, total, outcome.status, outcome.reason)
-        return outcome
-    logger.info(
-        "[%d/%d] %s: %s, %d frames at %g Hz, %d joints",
-        *(done, total, outcome.take, outcome.status),
-        *(outcome.frames, outcome.rate_hz, outcome.joints),
-    )
-    for note in outcome.notes if outcome.status == "ingested" else ():
-        logger.info("    %s", note)
-    return outcome
+def _outcomes(
+    part: list[Recording],
+    result: list[Outcome] | Outcome | Exception,
+    find: Callable[[Recording], Outcome | None],
+) -> list[Outcome]:
+    """Return what became of the recordings of a task's run, also where its process died."""
+    if isinstance(result, Exception):
+        return [find(each) or broken(each, result) for each in part]
+    return result if isinstance(result, list) else [result]

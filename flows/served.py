@@ -1,5 +1,6 @@
 """What `shosa serve` was told to serve, as every process that it starts knows it."""
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -28,6 +29,11 @@ class Served:
 
 class ServingError(OSError):
     """The server, or what it needs, cannot be started; the message says what to do."""
+
+
+def tag_of(archive: str) -> str:
+    """Return the tag of all runs for an archive, by which they are told from those of others."""
+    return f"shosa-{hashlib.sha256(archive.encode()).hexdigest()[:12]}"
 
 
 def write_served(served: Served) -> str:

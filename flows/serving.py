@@ -15,13 +15,14 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.request
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from flows.processes import served_processes
 from flows.served import POOL, VARIABLE, Served, ServingError, write_served
+from flows.server import check_home, check_version, is_healthy
 
 logger = logging.getLogger(__name__)
 
@@ -29,15 +30,26 @@ _START_S = 180.0  # a server on a busy machine; 15 s is usual
 _STOP_S = 30.0  # what a worker gets to end its runs, then they are killed
 _LOOK_S = 1.0  # between two looks at the children
 _HEALTH_S, _MISSED = 10.0, 3  # between two questions to the server, and how many go unanswered
-_ANSWER_S = 10.0  # what an answer may take
 _STEADY_S = 300.0  # a child that ran for so long may fail anew
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is started again
 _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
+_BEATS_KEPT_S = 3600.0
+_SOON_OLD = (
+    "flow-run.heartbeat", "task-run.Pending", "task-run.Running", "task-run.Completed",
+    "task-run.Cached",
+)  # fmt: skip
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
 
 
-def serve(served: Served, *, host: str, port: int, join: str | None = None) -> None:
+def serve(
+    served: Served,
+    *,
+    host: str,
+    port: int,
+    join: str | None = None,
+    is_held: Callable[[], bool] = lambda: True,
+) -> None:
     """Serve an archive until a signal comes.
 
     Parameters
@@ -48,12 +60,16 @@ def serve(served: Served, *, host: str, port: int, join: str | None = None) -> N
         Where the server listens, if one has to be started.
     join
         The API of a server that another machine runs: then this machine only works.
+    is_held
+        Says whether the archive is still this machine's to serve.
 
     Raises
     ------
     ServingError
-        If the port is taken, the server to be joined does not answer, or something does not
-        start.
+        If the port is taken, the server to be joined does not answer, something does not start, or
+        the archive came to be served by another.
+    ServerError
+        If the server is of another version, or its folder cannot be written to.
     """
     url = join or os.environ.get("PREFECT_API_URL") or ""
     own = not (url and is_healthy(url))
@@ -62,22 +78,17 @@ def serve(served: Served, *, host: str, port: int, join: str | None = None) -> N
             f"no Prefect server answers at {join}; check that `shosa serve` runs there, listens on "
             "more than loopback (--host), and that the URL ends in /api"
         )
-    if own:
+    if not own:
+        check_version(url)
+    else:
         if url:
             logger.warning("no Prefect server answers at %s; one is started here", url)
         _check_free(host, port)
         url = f"http://{_to_call(host)}:{port}/api"
     environment = {**os.environ, **_environment(served, url, host, port, own=own)}
-    _Supervisor(environment, url, host, port, served.limit, own=own, joins=bool(join)).run()
-
-
-def is_healthy(url: str) -> bool:
-    """Say whether a Prefect server answers at the URL of an API."""
-    try:
-        with urllib.request.urlopen(f"{url.rstrip('/')}/health", timeout=_ANSWER_S) as answer:
-            return answer.status == 200 and json.loads(answer.read()) is True
-    except (OSError, ValueError):
-        return False
+    _Supervisor(
+        environment, url, host, port, served.limit, is_held, own=own, joins=bool(join)
+    ).run()
 
 
 class _Supervisor:
@@ -90,11 +101,13 @@ class _Supervisor:
         host: str,
         port: int,
         limit: int,
+        is_held: Callable[[], bool],
         *,
         own: bool,
         joins: bool,
     ) -> None:
         self.environment, self.url, self.joins = environment, url, joins
+        self.is_held = is_held
         self.stopping = False
         prefect = [sys.executable, "-m", "prefect"]
         self.server = (
@@ -174,6 +187,11 @@ class _Supervisor:
         """Start what died again, and the worker when the server had been away."""
         asked, away, missed = time.monotonic(), False, 0
         while not self.stopping:
+            if not self.is_held():
+                raise ServingError(
+                    "this machine stood still for so long that another took the archive over; it "
+                    "is served there"
+                )
             if self.server and self.server.keep(self.environment):
                 away = True
             if self.worker.keep(self.environment) and is_healthy(self.url):
@@ -276,15 +294,11 @@ class _Child:
 
 
 def _end_left_runs(environment: Mapping[str, str]) -> None:
-    """End the runs that a worker left behind when it was killed (Linux)."""
-    ours = f"{VARIABLE}={environment[VARIABLE]}".encode()
-    home = f"PREFECT_HOME={environment['PREFECT_HOME']}".encode()
-    for path in Path("/proc").glob("[0-9]*/environ"):
-        with suppress(OSError):
-            said = path.read_bytes().split(b"\0")
-            is_run = any(each.startswith(b"PREFECT__FLOW_RUN_ID=") for each in said)
-            if is_run and ours in said and home in said:
-                os.kill(int(path.parent.name), signal.SIGKILL)
+    """End the runs that a worker left behind when it was killed."""
+    for each in served_processes(environment["PREFECT_HOME"]):
+        if each.run and each.environment[VARIABLE] == environment[VARIABLE]:
+            with suppress(ProcessLookupError):
+                os.kill(each.number, signal.SIGKILL)
 
 
 def _die_with_parent() -> None:
@@ -302,6 +316,10 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(_RUNS_KEPT_DAYS * 86400),
         "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{_EVENTS_KEPT_DAYS}D",
+        # half of what a take costs; the server has made states of them, which stay
+        "PREFECT_SERVER_SERVICES_DB_VACUUM_EVENT_RETENTION_OVERRIDES": json.dumps(
+            {f"prefect.{each}": _BEATS_KEPT_S for each in _SOON_OLD}
+        ),
         # without these, a run that died holds the deployment's slot for ever
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
@@ -338,15 +356,7 @@ def _home(archive: str) -> Path:
     states = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
     key = hashlib.sha256(archive.encode()).hexdigest()[:12]
     home = Path(given or f"{states}/shosa/{key}").expanduser().absolute()
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-        (home / ".written").write_bytes(b"")
-        (home / ".written").unlink()
-    except OSError as error:
-        raise ServingError(
-            f"the folder {home}, in which the Prefect server keeps its runs, cannot be written "
-            f"({error.strerror}); set PREFECT_HOME to one that can"
-        ) from error
+    check_home(home)
     return home
 
 

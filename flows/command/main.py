@@ -11,25 +11,26 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 from flows.command import printing
+from flows.command.exits import BAD_INPUT, DONE, INTERRUPTED, RUN_FAILED, WRONG_USE
 from flows.command.options import (
     UsageError,
     add_import_options,
     add_search_options,
     check_before_flow,
-    check_hours,
     clip_of,
     digitization_settings,
     import_settings,
     query_settings,
     search_settings,
 )
+from flows.command.preparing import hush_prefect, prepare_prefect
 from flows.command.serving import add_serve_options, run_serve
 from flows.command.terminal import bars, log_to_standard_error
+from flows.command.upkeep import add_upkeep
 from flows.command.viewing import add_report, add_view
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
 from storage import create_archive, open_archive
@@ -38,8 +39,6 @@ from storage.provenance import shosa_version
 from storage.recordings import find_recordings
 
 logger = logging.getLogger(__name__)
-
-DONE, WRONG_USE, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 2, 3, 4, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -92,7 +91,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_export(commands)
     add_view(commands, _command)
     add_report(commands, _command)
-    _add_upkeep(commands)
+    add_upkeep(commands, _command)
     return parser
 
 
@@ -190,30 +189,8 @@ def _add_export(commands: Any) -> None:
     plan_layout.add_argument("--json", action="store_true")
 
 
-def _add_upkeep(commands: Any) -> None:
-    index = _command(commands, "index", _index, "build the search arrays of all takes anew")
-    index.add_argument("archive", metavar="ARCHIVE")
-    verify = _command(commands, "verify", _verify, "recompute every digest")
-    verify.add_argument("archive", metavar="ARCHIVE")
-    collect = _command(commands, "gc", _collect_garbage, "remove what nothing refers to")
-    collect.add_argument("archive", metavar="ARCHIVE")
-    collect.add_argument(
-        "--older-than",
-        type=float,
-        default=24.0,
-        metavar="HOURS",
-        help="leave alone what somebody may still write or read (default 24)",
-    )
-    collect.add_argument(
-        "--lost", action="store_true", help="also what was published and has lost its record"
-    )
-    doctor = _command(commands, "doctor", _doctor, "say what is wrong with an installation")
-    doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
-    doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
-
-
 def _demo(options: argparse.Namespace) -> int:
-    _prepare_prefect()
+    prepare_prefect()
     from flows.command.demo import run_demo
 
     return DONE if run_demo(Path(options.folder), quiet=options.quiet) else RUN_FAILED
@@ -225,7 +202,7 @@ def _ingest(options: argparse.Namespace) -> int:
     settings = digitization_settings(options.settings)
     find_recordings(options.paths)
     create_archive(options.archive)
-    _prepare_prefect()
+    prepare_prefect()
     from flows.ingestion import run_ingestion
     from flows.runners import task_runner
 
@@ -247,7 +224,7 @@ def _ingest(options: argparse.Namespace) -> int:
 
 
 def _serve(options: argparse.Namespace) -> int:
-    _hush_prefect()
+    hush_prefect()
     return run_serve(options)
 
 
@@ -290,7 +267,7 @@ def _search(options: argparse.Namespace) -> int:
     arguments = (options.archive, options.query, settings, options.takes, imported)
     if options.flow:
         check_before_flow(options)
-        _prepare_prefect()
+        prepare_prefect()
         from flows.searching import search_archive as search
     else:
         from tasks.retrieval.answering import answer_query as search
@@ -339,86 +316,11 @@ def _plan(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _index(options: argparse.Namespace) -> int:
-    open_archive(options.archive)  # before Prefect starts, which takes long
-    _prepare_prefect()
-    from flows.indexing import run_indexing
-
-    with bars(quiet=options.quiet):
-        faults = run_indexing(options.archive)
-    for fault in faults:
-        printing.say(fault)
-    return RUN_FAILED if faults else DONE
-
-
-def _verify(options: argparse.Namespace) -> int:
-    from tasks.checks.upkeep import verify_archive
-
-    takes, faults, notes = verify_archive(options.archive)
-    for fault in faults:
-        printing.print_line(fault)
-    for note in notes:
-        printing.say(note)
-    printing.say(f"{takes} takes verified, {len(faults)} faults")
-    return BAD_INPUT if faults else DONE
-
-
-def _collect_garbage(options: argparse.Namespace) -> int:
-    from storage.publication import collect_garbage, kept_from_garbage
-
-    check_hours(options.older_than)
-    place = open_archive(options.archive).place
-    older_than = timedelta(hours=options.older_than)
-    removed = collect_garbage(place, older_than=older_than, lost=options.lost)
-    for file in removed:
-        printing.print_line(file.path)
-    for note in kept_from_garbage(place, lost=options.lost):
-        printing.say(note)
-    size = sum(file.size for file in removed)
-    printing.say(f"removed {len(removed)} files, {size / 1e6:.1f} MB")
-    return DONE
-
-
-def _doctor(options: argparse.Namespace) -> int:
-    if options.out is not None and not options.captures:
-        raise UsageError("--out is for pictures of captures; name a capture, or leave it out")
-    if options.captures:
-        from tasks.checks.examination import examine_captures
-
-        into = Path(options.out) if options.out else None
-        good = examine_captures(options.captures, into, printing.print_line, printing.say)
-        return DONE if good else BAD_INPUT
-    from flows.command.doctor import examine_installation
-
-    findings = examine_installation()
-    for finding in findings:
-        printing.print_line(f"{'ok  ' if finding.good else 'BAD '} {finding.text}")
-    return DONE if all(finding.good for finding in findings) else RUN_FAILED
-
-
 def _write_any_text() -> None:
     """Let a terminal or pipe that lacks a letter show its number, in place of a traceback."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def _prepare_prefect() -> None:
-    """Make Prefect ready for a run in this process, or say why it cannot be."""
-    _hush_prefect()
-    os.environ.setdefault("PREFECT_LOGGING_INTERNAL_LEVEL", "CRITICAL")
-    # a server that went away is asked twice again, for some seconds, not for a minute each time
-    os.environ.setdefault("PREFECT_CLIENT_MAX_RETRIES", "2")
-    logging.raiseExceptions = False  # what a log cannot be told is not told on the terminal
-    from flows.server import check_server
-
-    check_server()
-
-
-def _hush_prefect() -> None:
-    """Keep Prefect's own log off the terminal; the dashboard has it."""
-    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")
-    os.environ.setdefault("PREFECT_SERVER_LOGGING_LEVEL", "CRITICAL")
 
 
 def _fail(error: Exception | str, code: int) -> int:

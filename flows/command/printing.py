@@ -13,7 +13,7 @@ from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.takes.identity import is_of_other_code, made_by
 
 if TYPE_CHECKING:
-    from flows.ingestion import Outcome
+    from flows.outcomes import Outcome
     from tasks.retrieval.answering import Answer
 
 

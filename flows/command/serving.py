@@ -8,10 +8,11 @@ from urllib.parse import urlsplit
 
 from flows.command import printing
 from flows.command.options import UsageError
-from flows.served import Served
+from flows.served import Served, ServingError
 from flows.serving import serve
 from storage import create_archive
 from storage.inbox.listing import open_inbox
+from storage.inbox.lock import BusyError, serving
 from storage.inbox.memory import look_now
 from storage.roots import is_url
 
@@ -98,7 +99,16 @@ def run_serve(options: argparse.Namespace) -> int:
             f"note: whoever reaches {options.host}:{options.port} can run programs as this user; "
             "let a firewall or PREFECT_SERVER_API_AUTH_STRING stand before it (docs/operations.md)"
         )
-    serve(served, host=options.host, port=options.port, join=options.join)
+    if options.join:
+        serve(served, host=options.host, port=options.port, join=options.join)
+        return 0
+    try:
+        with serving(create_archive(archive)) as is_held:
+            serve(served, host=options.host, port=options.port, is_held=is_held)
+    except BusyError as error:
+        raise ServingError(
+            f"{error}; end that one first, or work for it with --join and the URL of its API"
+        ) from error
     return 0
 
 

@@ -1,6 +1,7 @@
-"""One scan of an inbox at a time, whoever starts it, on whatever machine.
+"""One scan of an inbox at a time, and one server of an archive, on whatever machine they start.
 
     inbox/<key>/<number>     who holds the lock, and a count that goes up while the holder lives
+    inbox/served/<number>    the same of who serves the archive
 
 The holder is who made the file with the highest number; files are created, never replaced by
 others, so of two that ask at once one gets it. No clock is compared: who finds the lock held
@@ -16,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from storage.archive import Archive
 from storage.errors import ArchiveError
 from storage.inbox.listing import Inbox
 from storage.places import Place, create_file, delete_files, list_names, read_file, write_file
@@ -47,8 +49,27 @@ def scanning(
     PlaceError
         If the archive cannot be written.
     """
-    folder = f"inbox/{inbox.key}"
-    number = _take_over(place, folder, inbox, dead_s)
+    said = f"{inbox.location} is being scanned"
+    with _held(place, f"inbox/{inbox.key}", said, beat_s, dead_s) as is_held:
+        yield is_held
+
+
+@contextmanager
+def serving(
+    archive: Archive, *, beat_s: float = BEAT_S, dead_s: float = DEAD_S
+) -> Iterator[Callable[[], bool]]:
+    """Hold the lock of an archive that is served; all else as of `scanning`."""
+    said = f"{archive.location} is being served"
+    with _held(archive.place, "inbox/served", said, beat_s, dead_s) as is_held:
+        yield is_held
+
+
+@contextmanager
+def _held(
+    place: Place, folder: str, said: str, beat_s: float, dead_s: float
+) -> Iterator[Callable[[], bool]]:
+    """Hold the lock whose files are in a folder; `said` is what whoever holds it does."""
+    number = _take_over(place, folder, said, dead_s)
     lost, done = threading.Event(), threading.Event()
 
     def beat() -> None:
@@ -61,7 +82,7 @@ def scanning(
                     return
                 write_file(place, _path(folder, number), _content(count))
 
-    thread = threading.Thread(target=beat, daemon=True, name="lock of the inbox")
+    thread = threading.Thread(target=beat, daemon=True, name=f"lock {folder}")
     thread.start()
     try:
         yield lambda: not lost.is_set()
@@ -73,7 +94,7 @@ def scanning(
                 write_file(place, _path(folder, number), b"{}")
 
 
-def _take_over(place: Place, folder: str, inbox: Inbox, dead_s: float) -> int:
+def _take_over(place: Place, folder: str, said: str, dead_s: float) -> int:
     """Get the lock, and return its number."""
     number = _highest(place, folder)
     before = _read(place, folder, number)
@@ -82,10 +103,10 @@ def _take_over(place: Place, folder: str, inbox: Inbox, dead_s: float) -> int:
         while time.monotonic() < until:
             time.sleep(min(0.5, dead_s / 4))
             if _read(place, folder, number) != before or _highest(place, folder) != number:
-                raise BusyError(f"{inbox.location} is being scanned by {_holder(before)}")
-        logger.warning("the scan of %s by %s died", inbox.location, _holder(before))
+                raise BusyError(f"{said} by {_holder(before)}")
+        logger.warning("%s by %s, which died", said, _holder(before))
     if not create_file(place, _path(folder, number + 1), _content(0)):
-        raise BusyError(f"{inbox.location} is being scanned by another run")
+        raise BusyError(f"{said} by another process")
     with suppress(OSError):
         old = [name for name in list_names(place, folder) if name.isdigit() and int(name) <= number]
         delete_files(place, [f"{folder}/{name}" for name in old])
@@ -116,4 +137,4 @@ def _holder(content: bytes) -> str:
         said = json.loads(content)
         return f"process {int(said['pid'])} on {said['host']}"
     except (ValueError, KeyError, TypeError):
-        return "another run"
+        return "another process"

@@ -8,18 +8,17 @@ from numpy.typing import NDArray
 from storage.archive import Take
 from storage.records import Record
 from tasks.exporting.addresses import clip_address
-from tasks.exporting.markdown import escaped, linked, picture, table
-from tasks.exporting.voxels import picture_initial
+from tasks.exporting.markdown import drawing, escaped, linked, picture, table
 from tasks.geometry.runs import runs
 from tasks.rendering.figures import FigureSettings, draw_stick_figures
 from tasks.rendering.overviews import draw_contact_sheet, draw_quality
 from tasks.rendering.views import picture_frame
 
-_BODY = (300, 380)
+_BODY = (200, 254)
 """Columns and rows of the picture of a body [px]. Chosen by eye: two stand side by side."""
-_FIGURES = FigureSettings(width=720, figure_height=120)
+_FIGURES = FigureSettings(width=480, figure_height=100)
 """How the strip of figures is drawn: as wide as the plot of quality below it."""
-_INSTANTS = 9
+_INSTANTS = 6
 """How many figures it has. Chosen by eye."""
 _RANGES = 40
 """How many ranges of doubtful frames are listed. Chosen: a paragraph."""
@@ -132,7 +131,7 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
         body, said = np.concatenate([body, segments], axis=1), f"{said}, and its segments"
     yield picture(body, said)
     yield "What each camera saw of the performer:"
-    yield picture(sheet, f"silhouettes of all cameras in frame {frame}")
+    yield drawing(sheet, f"silhouettes of all cameras in frame {frame}")
     if not posed:
         return
     yield "## Over time"
@@ -142,12 +141,10 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
     strip = draw_stick_figures(
         position, instants.tolist(), rate_hz=take.record.rate_hz, settings=_FIGURES
     )
-    yield picture(strip, "the pose at some instants")
+    yield drawing(strip, "the pose at some instants")
     yield "How much of its voxels each segment has, 0 to 1:"
     quality = draw_quality(take.pose["quality"].values, doubtful, take.record.rate_hz)
-    yield picture(quality, "quality over time, doubtful frames shaded")
-    yield "## What the body was measured with"
-    yield picture(picture_initial(take), "the joints of the initial model in its voxels")
+    yield drawing(quality, "quality over time, doubtful frames shaded")
 
 
 def _doubtful(take: Take) -> NDArray[np.bool_]:

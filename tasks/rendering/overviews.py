@@ -24,7 +24,7 @@ from tasks.rendering.drawing.canvas import (
     finish,
 )
 
-_CELL_PX = 170
+_CELL_PX = 112
 """Width of the picture of a camera on the sheet [px]. Chosen by eye: hands can be made out."""
 _CELLS_A_ROW = 4
 """How many pictures stand in a row. Chosen by eye: eight cameras, the usual ring, fill two."""
@@ -32,13 +32,13 @@ _GAP_PX = 8
 """Between the pictures on the sheet [px]. Chosen by eye."""
 _NAME_PX = 20
 """Height of the line with the name of a camera [px]. Chosen by eye."""
-_PLOT = (720, 200)
+_PLOT = (480, 160)
 """Width and height of the plot of quality [px]. Chosen by eye."""
 _MARGIN = (44, 34, 16, 28)
 """Of the plot: left, above, right, below [px]. Chosen by eye."""
 _DOUBTFUL = 0.22
 """How strongly doubtful frames are shaded [share]. Chosen by eye: lines show through."""
-_TICKS = 8
+_TICKS = 5
 """About how many numbers of frames stand below the plot. Chosen by eye."""
 
 

@@ -59,6 +59,16 @@ def why_anew(
     return None, record
 
 
+def find_same(opened: Archive, recording: Recording, settings: Mapping[str, Any]) -> Record | None:
+    """Return the record of a take that is just what a recording would become, intact, if it is.
+
+    Asked before a recording is taken in, and again by the slower of two runs that took it in at
+    once. The parameters are those of `why_anew`.
+    """
+    reason, record = why_anew(opened, recording, settings)
+    return None if reason else record
+
+
 def is_of_other_code(record: Record) -> bool:
     """Say whether a take was made by other code than that which runs."""
     return record.source.get("code") != code_of(record.source["kind"])

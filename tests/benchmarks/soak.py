@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
+from flows.processes import served_processes
 from storage import open_archive
 from storage.formats.motion.trc import write_trc
 from storage.publication import collect_garbage
@@ -143,17 +144,8 @@ def kill_one(folder: Path, draw: random.Random) -> list[str]:
 
 def ours(folder: Path) -> dict[int, str]:
     """Return the processes that the supervisor of a folder started, and what they run."""
-    home = f"PREFECT_HOME={folder / 'home'}".encode()
-    found = {}
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            is_ours = home in (path / "environ").read_bytes().split(b"\0")
-            said = (path / "cmdline").read_bytes().decode().replace("\0", " ")
-        except OSError:
-            continue
-        if is_ours and any(kind in said for kind in KINDS):
-            found[int(path.name)] = said
-    return found
+    found = {each.number: each.said for each in served_processes(str(folder / "home"))}
+    return {n: said for n, said in found.items() if any(kind in said for kind in KINDS)}
 
 
 def examine(location: Path, wanted: list[str]) -> Iterator[str]:

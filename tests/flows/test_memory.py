@@ -212,8 +212,9 @@ def test_only_a_recordings_own_faults_are_refusals(ingest, archive, file, write_
 
 
 def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
-    """For the flow and for the task of the take; a run that is green has all in."""
+    """For the flow, for the files that went in together, and for the take; green has all in."""
     from prefect.client.orchestration import get_client
+    from prefect.logging.handlers import APILogWorker
 
     from flows.ingestion import ingest_archive
 
@@ -223,16 +224,66 @@ def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
     state = ingest_archive(str(tmp_path / "archive"), paths, return_state=True)
     assert state.is_failed()
     assert state.message.startswith("1 of 2 recordings were not taken in: refused: broken (")
+    run = state.state_details.flow_run_id
+    APILogWorker.drain_all()
     with get_client(sync_client=True) as client:
-        runs = client.read_task_runs()
-    mine = {
-        each.name: each.state
-        for each in runs
-        if each.flow_run_id == state.state_details.flow_run_id
-    }
-    assert mine["ingest okuri48"].is_completed()
-    assert mine["ingest broken"].is_failed()
-    assert mine["ingest broken"].message.startswith("refused: ")
+        mine = {each.name: each for each in client.read_task_runs() if each.flow_run_id == run}
+        logs = [each.message for each in client.read_logs() if each.flow_run_id == run]
+    assert set(mine) == {"ingest broken and 1 more", "ingest broken"}
+    assert all(each.state.is_failed() for each in mine.values())
+    assert mine["ingest broken and 1 more"].state.message == state.message
+    assert mine["ingest broken"].state.message.startswith("refused: ")
+    assert any(each.startswith("[2/2] okuri48: ingested") for each in logs)
+    assert [each for each in logs if "NoneType" in each or "Traceback" in each] == []
     state = ingest_archive(str(tmp_path / "archive"), [str(file)], return_state=True)
     assert state.is_completed()
     assert state.message == "All 1 recordings are in."
+
+
+def test_a_fault_of_the_program_on_one_file_stops_no_other(
+    ingest, monkeypatch, write_walk, tmp_path
+):
+    from flows import ingestion
+
+    importing = ingestion.import_take
+
+    def break_on_one(archive, recording, *arguments):
+        if recording.take == "okuri48":
+            raise ZeroDivisionError("by zero")
+        return importing(archive, recording, *arguments)
+
+    monkeypatch.setattr(ingestion, "import_take", break_on_one)
+    other = write_walk(tmp_path / "inbox" / "other.trc", seed=3)
+    broken, good = ingest(tmp_path / "inbox" / "okuri48.trc", other)
+    assert (broken.status, good.status) == ("failed", "ingested")
+    assert "ZeroDivisionError: by zero; the run's log has the rest" in broken.reason
+
+
+def test_files_of_a_worker_that_died_are_not_taken_in_again(ingest, monkeypatch, tmp_path):
+    """A task that runs once more, elsewhere, finds what it had taken in before."""
+    from flows import ingestion
+
+    monkeypatch.setattr(ingestion, "_unchanged", lambda *_, **__: None)
+    assert [each.status for _ in range(2) for each in ingest()] == ["ingested", "unchanged"]
+    assert number_of(open_archive(tmp_path / "archive")) == 1
+
+
+def test_small_files_share_a_run_and_large_ones_and_captures_have_their_own(tmp_path):
+    from flows.ingestion import split_recordings
+    from storage.recordings import Recording
+
+    def recording(name, size=10, kind="motion"):
+        (tmp_path / name).write_bytes(b"")
+        os.truncate(tmp_path / name, size)
+        return Recording(str(tmp_path / name), "", name, {}, kind=kind)
+
+    files = [recording(f"small{n}") for n in range(45)]
+    large = [recording(f"large{n}", 9_000_000) for n in range(2)]
+    capture = recording("capture", kind="capture")
+    gone = Recording(str(tmp_path / "gone"), "", "gone", {})
+    parts = split_recordings([*files[:30], capture, *files[30:], *large, gone])
+    assert sorted(len(part) for part in parts) == [1, 1, 1, 1, 5, 20, 20]
+    assert [capture] in parts
+    assert [large[0]] in parts
+    assert [each for part in parts for each in part if each != capture] == [*files, *large, gone]
+    assert split_recordings([]) == []

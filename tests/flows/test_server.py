@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from importlib.metadata import version
 
 import httpx
 import pytest
@@ -20,18 +21,21 @@ from storage.publication import verify_take
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tests.conftest import HANGING_S, MEASURED, swaying_body
 
+PREFECT = version("prefect")
+
 
 @pytest.fixture
 def web_server():
-    """A function that starts a server with one answer to everything, and returns its URL."""
+    """A function that starts a server with one answer, and a version, and returns its URL."""
     servers = []
 
-    def start(status, text):
+    def start(status, text, version=(200, f'"{PREFECT}"')):
         class Answer(BaseHTTPRequestHandler):
             def do_GET(self):
-                self.send_response(status)
+                code, said = version if self.path == "/api/admin/version" else (status, text)
+                self.send_response(code)
                 self.end_headers()
-                self.wfile.write(text.encode())
+                self.wfile.write(said.encode())
 
             def log_message(self, *_):
                 pass
@@ -49,6 +53,58 @@ def web_server():
 
 def test_a_server_that_is_well_is_taken(web_server):
     check_url(web_server(200, "true"))
+    same_but_for_the_patch = ".".join([*PREFECT.split(".")[:2], "999"])
+    check_url(web_server(200, "true", (200, f'"{same_but_for_the_patch}"')))
+
+
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [
+        ((200, '"2.20.1"'), "is of version 2.20.1, and 3"),
+        ((200, '"3.1.0"'), "is of version 3.1.0, and 3"),
+        ((404, ""), "is of an unknown version, and 3"),
+        ((401, ""), "wants a password; set PREFECT_API_AUTH_STRING"),
+    ],
+)
+def test_a_server_of_another_version_is_told_at_once(
+    web_server, version, said, monkeypatch, tmp_path, write_walk, capsys
+):
+    """In one sentence, by whatever command would tell it of runs."""
+    url = web_server(200, "true", version)
+    with pytest.raises(ServerError, match=said):
+        check_url(url)
+    archive, walk = str(tmp_path / "archive"), write_walk(tmp_path / "walk.trc")
+    assert main(["serve", archive, "--join", url]) == 4
+    monkeypatch.setenv("PREFECT_API_URL", url)
+    assert main(["serve", archive]) == 4
+    from prefect.settings import PREFECT_API_URL, temporary_settings
+
+    with temporary_settings({PREFECT_API_URL: url}):
+        assert main(["ingest", archive, str(walk)]) == 4
+    out, err = capsys.readouterr()
+    assert (out, err.count(said), err.count("\n")) == ("", 3, 3)
+
+
+def test_the_password_of_a_server_is_sent(monkeypatch):
+    """As Prefect's own client sends it."""
+    monkeypatch.setenv("PREFECT_API_AUTH_STRING", "name:word")
+    heard = []
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self):
+            heard.append(self.headers["Authorization"])
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"true" if self.path == "/api/health" else f'"{PREFECT}"'.encode())
+
+        def log_message(self, *_):
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Answer) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        check_url(f"http://127.0.0.1:{server.server_port}/api")
+        server.shutdown()
+    assert heard == [httpx.BasicAuth("name", "word")._auth_header] * 2
 
 
 @pytest.mark.parametrize(("status", "text"), [(200, "<html>"), (404, "true"), (503, "busy")])

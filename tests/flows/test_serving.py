@@ -12,12 +12,14 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from pathlib import Path
 from typing import get_args
 
 import pytest
 
+from flows import serving
 from flows.command.main import main
+from flows.processes import served_processes
+from flows.served import ServingError
 from storage import open_archive
 from storage.publication import verify_take
 from tests.conftest import HANGING_S, MEASURED, ROOT
@@ -106,17 +108,8 @@ class Serve:
 
     def processes(self):
         """The processes that it started, and those that they started: what each runs, by number."""
-        home = f"PREFECT_HOME={self.environment['PREFECT_HOME']}".encode()
-        found = {}
-        for path in Path("/proc").glob("[0-9]*"):
-            try:
-                is_ours = home in (path / "environ").read_bytes().split(b"\0")
-                said = (path / "cmdline").read_bytes().decode().replace("\0", " ")
-            except OSError:
-                continue
-            if is_ours and int(path.name) != self.process.pid and said:
-                found[int(path.name)] = said
-        return found
+        home = self.environment["PREFECT_HOME"]
+        return {each.number: each.said for each in served_processes(home)}
 
     def takes(self):
         return open_archive(self.archive).takes() if (self.archive / "published").is_dir() else []
@@ -210,8 +203,12 @@ def test_server_worker_and_flow_are_killed_at_once_and_all_goes_on_by_itself(ser
         return all(str(process) not in alive for process in killed)
 
     until(none_dead, "runs of the dead count as running")
-    automations = serve.ask("automations/filter", {})
-    assert len(automations) == 1
+    [automation] = serve.ask("automations/filter", {})
+    tag = automation["trigger"]["match_related"]["prefect.resource.id"]
+    runs = serve.ask("flow_runs/filter", {"limit": 200})
+    assert {"scan the inboxes", f"ingest into {serve.archive}"} <= {each["name"] for each in runs}
+    for run in runs:  # also those inside runs; those of others have other tags
+        assert tag.removeprefix("prefect.tag.") in run["tags"], run["name"]
 
 
 @pytest.mark.flow
@@ -231,17 +228,23 @@ def test_a_scan_by_hand_beside_the_scheduled_ones_takes_nothing_in_twice(serve, 
 
 @pytest.mark.flow
 @pytest.mark.slow
-def test_a_port_that_is_taken_is_told_with_what_to_do(serve):
-    ended = subprocess.run(
-        serve.command("--port", str(serve.port)),
-        env={**serve.environment, "PREFECT_HOME": f"{serve.environment['PREFECT_HOME']}2"},
-        capture_output=True,
-        text=True,
-    )
-    assert ended.returncode == 4
-    assert f"cannot listen on 127.0.0.1:{serve.port}" in ended.stderr
-    assert f"set PREFECT_API_URL={serve.api}; otherwise give another --port" in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
+def test_a_port_that_is_taken_and_an_archive_that_is_served_are_told_with_what_to_do(
+    serve, tmp_path
+):
+    def end(*command):
+        environment = {**serve.environment, "PREFECT_HOME": str(tmp_path / "home")}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert (done.returncode, len(done.stderr.splitlines())) == (4, 1), done.stderr
+        return done.stderr
+
+    said = end(*serve.command("--port", str(free_port())))
+    assert f"{serve.archive} is being served by process {serve.process.pid} on " in said
+    assert "end that one first, or work for it with --join" in said
+    other = [*serve.command("--port", str(serve.port))]
+    other[other.index(str(serve.archive))] = str(tmp_path / "archive")
+    said = end(*other)
+    assert f"cannot listen on 127.0.0.1:{serve.port}" in said
+    assert f"set PREFECT_API_URL={serve.api}; otherwise give another --port" in said
 
 
 @pytest.mark.flow
@@ -309,12 +312,21 @@ def test_a_server_to_be_joined_has_to_answer(tmp_path, capsys):
     assert f"no Prefect server answers at {url}; check that" in capsys.readouterr().err
 
 
+def test_who_lost_the_archive_to_another_machine_ends_and_says_so():
+    environment = {"PREFECT_HOME": "/nowhere"}
+    options = {"own": False, "joins": False}
+    url, lost = "http://127.0.0.1:1/api", lambda: False
+    supervisor = serving._Supervisor(environment, url, "127.0.0.1", 1, 1, lost, **options)
+    with pytest.raises(ServingError, match="another took the archive over"):
+        supervisor._watch()
+
+
 def test_a_home_that_cannot_be_written_is_told_at_once(tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "file" / "home"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     assert main(["serve", str(tmp_path / "archive"), "--port", str(free_port())]) == 4
-    assert "cannot be written (Not a directory); set PREFECT_HOME" in capsys.readouterr().err
+    assert "cannot be written to (Not a directory); set PREFECT_HOME" in capsys.readouterr().err
 
 
 def test_a_scan_with_nothing_new_needs_no_prefect(tmp_path):

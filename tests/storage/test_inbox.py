@@ -12,7 +12,7 @@ from storage import create_archive
 from storage.errors import InputError, PlaceError
 from storage.inbox.fetching import fetched
 from storage.inbox.listing import list_waiting, open_inbox, stamp_of
-from storage.inbox.lock import BusyError, scanning
+from storage.inbox.lock import BusyError, scanning, serving
 from storage.inbox.memory import (
     FIRST_PAUSE_S,
     LONGEST_PAUSE_S,
@@ -211,6 +211,16 @@ def test_one_scan_at_a_time(inbox, archive):
     with scanning(archive.place, inbox, dead_s=60):  # at once: it was let go
         pass
     assert len(list((archive.place.folder / "inbox" / inbox.key).iterdir())) == 1
+
+
+def test_one_server_of_an_archive_at_a_time_and_it_stops_no_scan(inbox, archive):
+    with serving(archive, beat_s=0.02) as is_held, scanning(archive.place, inbox):
+        said = f"{archive.location} is being served by process {os.getpid()} on "
+        with pytest.raises(BusyError, match=said):
+            serving(archive, dead_s=60).__enter__()
+        assert is_held()
+    with serving(archive, dead_s=60):  # at once: it was let go
+        pass
 
 
 def test_the_lock_of_a_dead_scan_is_taken_over_by_one_and_the_dead_one_knows(inbox, archive):

@@ -10,6 +10,10 @@ from storage.formats.motion.writing import write_beside
 
 _QUALITIES = (85, 75, 60, 45)
 """Qualities of WebP that are tried, of 100. Chosen by eye: below the last it shows blocks."""
+_LOSSLESS = 101
+"""What OpenCV calls WebP without loss."""
+_SHADE = 51
+"""Between two shades of a drawing's colors, of 255. Chosen by eye: edges stay smooth."""
 
 
 def write_png(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -52,13 +56,28 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
     """
     import cv2  # here, because only who writes a picture should wait for it
 
-    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
-        raise ValueError(
-            f"a {image.dtype} array of shape {image.shape} is no picture; "
-            "(row, column, 3) uint8 is wanted"
-        )
+    _check_picture(image)
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     return encoded.tobytes()
+
+
+def encode_drawing(image: NDArray[np.uint8]) -> bytes:
+    """Return a drawing (row, column, 3) uint8 as the bytes of a small WebP file, its edges sharp.
+
+    Its colors are rounded to six shades of red, green and blue each: a quarter of the bytes, and
+    lines and letters look the same.
+
+    Raises
+    ------
+    ValueError
+        Where the image is not an RGB picture.
+    """
+    import cv2
+
+    _check_picture(image)
+    rounded = (np.rint(image / _SHADE) * _SHADE).astype(np.uint8)
+    turned = cv2.cvtColor(rounded, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".webp", turned, [cv2.IMWRITE_WEBP_QUALITY, _LOSSLESS])[1].tobytes()
 
 
 def encode_within(image: NDArray[np.uint8], most_bytes: int) -> tuple[bytes, str]:
@@ -94,3 +113,12 @@ def encode_within(image: NDArray[np.uint8], most_bytes: int) -> tuple[bytes, str
         if not (rows and columns):
             raise ValueError(f"no picture has {most_bytes} bytes; allow more")
         turned = cv2.resize(turned, (columns, rows), interpolation=cv2.INTER_AREA)
+
+
+def _check_picture(image: NDArray[np.uint8]) -> None:
+    """Refuse what is not an RGB picture."""
+    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
+        raise ValueError(
+            f"a {image.dtype} array of shape {image.shape} is no picture; "
+            "(row, column, 3) uint8 is wanted"
+        )

@@ -27,8 +27,8 @@ def test_a_silhouette_is_where_it_was():
     silhouettes = np.zeros((2, 50, 80), np.bool_)
     silhouettes[1, 40:, 70:] = True  # lower right of the second camera
     row, column = np.nonzero(near(draw_contact_sheet(silhouettes, ["a", "b"]), INK, 4))
-    assert column.min() > 178 + 0.8 * 170
-    assert row.min() > 0.7 * 106
+    assert column.min() > 120 + 0.8 * 112
+    assert row.min() > 0.7 * 70
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_doubtful_frames_are_shaded_where_they_are(frames):
     doubtful = np.zeros(frames, np.bool_)
     doubtful[first:end] = True
     columns = shaded(draw_quality(quality, doubtful, 30.0))
-    across = 720 - 44 - 16
+    across = 480 - 44 - 16
     assert columns.min() == pytest.approx(44 + 0.3 * across, abs=2)
     assert columns.max() == pytest.approx(44 + 0.4 * across, abs=2)
     assert not len(shaded(draw_quality(quality, np.zeros(frames, np.bool_), 30.0)))
@@ -69,13 +69,13 @@ def test_the_worst_segment_is_drawn_as_low_as_it_is():
     quality[2000, 4] = 0.1  # one frame of several that share a column
     image = draw_quality(quality, np.zeros(4000, np.bool_), 30.0)
     rows, _ = np.nonzero(near(image[45:], BLUE, 60))
-    up = 200 - 34 - 28
+    up = 160 - 34 - 28
     assert 45 + rows.max() == pytest.approx(34 + 0.9 * up, abs=3)
 
 
 def test_a_single_frame_and_numbers_beyond_their_range_are_drawn():
     image = draw_quality(np.full((1, 2), 1.7), np.ones(1, np.bool_), 30.0)
-    assert image.shape == (200, 720, 3)
+    assert image.shape == (160, 480, 3)
 
 
 @pytest.mark.parametrize(("quality", "doubtful"), [((0, 11), 0), ((5, 11), 4), ((5,), 5)])

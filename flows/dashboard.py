@@ -4,7 +4,6 @@ A server that went away or refuses is told of once a run, in a sentence, and is 
 later only.
 """
 
-import hashlib
 import logging
 import os
 import re
@@ -21,6 +20,7 @@ from prefect.artifacts import (
 )
 from prefect.context import FlowRunContext
 
+from flows.artifact_keys import artifact_key
 from flows.progress import Estimate, Moment, show_watcher
 from flows.server import is_server_fault, tell_server_is_gone
 from storage.archive import Take
@@ -44,8 +44,6 @@ _SILENT_S = 60.0
 """How long a server that failed is left alone [s]: some failures take seconds to be noticed."""
 _COUNTED_FROM = 9
 """After how many takes a time is told: they differ, and the first ones wait for the program."""
-_KEY_LENGTH = 60
-"""Of the readable part of a key [characters]. Chosen: a line of the list of pages."""
 _STATUSES = ("failed", "refused", "ingested", "unchanged")
 """What becomes of recordings, what a person has to see first."""
 
@@ -280,19 +278,6 @@ def viewer_url() -> str | None:
     """Return where the viewer answers, if that is known and an address of the web."""
     given = os.environ.get(VIEWER_URL, "").strip()
     return given if re.match(r"https?://[^\s/]+", given) else None
-
-
-def artifact_key(kind: str, name: str) -> str:
-    """Return the key of what is shown of a take or an archive: always the same, and its own.
-
-    Prefect allows small Latin letters, digits and hyphens. A name that has others, or is long, is
-    told from those that look alike by its digest.
-    """
-    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:_KEY_LENGTH].strip("-")
-    if plain != name or not plain:
-        digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
-        plain = f"{plain}-{digest}".strip("-")
-    return f"{kind}-{plain}"
 
 
 def _without_folder(reason: str, path: str) -> str:

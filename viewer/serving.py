@@ -21,15 +21,16 @@ from storage.errors import PlaceError
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
 from tasks.retrieval.searching import PackedTake, Query, search_takes
-from viewer.body_page import body_page
-from viewer.browse_page import browse_page
-from viewer.data import add_data
+from viewer.addresses.files import add_files
+from viewer.addresses.frames import add_data
+from viewer.addresses.pictures import add_pictures
 from viewer.digitizing import Digitizations, Starter
-from viewer.files import add_files
 from viewer.guard import guard
 from viewer.holdings import Holdings
-from viewer.search_page import search_page
-from viewer.shell import Site
+from viewer.pages.body import body_page
+from viewer.pages.browse import browse_page
+from viewer.pages.search import search_page
+from viewer.pages.shell import Site
 
 _LOOK = Path(__file__).parent / "static"
 _FORGET_S = 10.0
@@ -42,6 +43,7 @@ def serve_viewer(
     host: str = "127.0.0.1",
     port: int = 8080,
     runs_url: str,
+    run_address: Callable[[str], str],
     digitize: Starter,
     open_browser: bool = True,
     tell: Callable[[str], None],
@@ -54,6 +56,8 @@ def serve_viewer(
         By default only this machine can reach it.
     runs_url
         Where Prefect's dashboard is, for a link.
+    run_address
+        Returns where the runs of a take are told there.
     digitize
         Starts digitizing a capture into this archive, when a page asks for it.
     tell
@@ -73,7 +77,7 @@ def serve_viewer(
             shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
             address = f"http://[{shown}]:{bound}/" if ":" in shown else f"http://{shown}:{bound}/"
             work = Digitizations(digitize, Path(uploads))
-            app = make_app(Site(holdings, runs_url), work)
+            app = make_app(Site(holdings, runs_url, run_address), work)
             server = uvicorn.Server(
                 uvicorn.Config(
                     guard(app, host), log_level="warning", access_log=False,
@@ -95,6 +99,7 @@ def make_app(site: Site, work: Digitizations) -> FastAPI:
     app = FastAPI(openapi_url=None)
     add_data(app, site.holdings)
     add_files(app, site.holdings, work)
+    add_pictures(app, site.holdings)
     app.mount("/look", StaticFiles(directory=_LOOK), name="look")
 
     @ui.page("/")

@@ -14,11 +14,9 @@ from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tests.conftest import ROOT
 from tests.figures.dances import SHARED, VOXELS
-from tests.viewer.conftest import wait
+from tests.viewer.conftest import DRAWN, wait
 
-pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
-
-DRAWN = "() => window.shosa?.stage?.figures?.[0]?.pose"
+pytestmark = [pytest.mark.slow, pytest.mark.compiled]
 
 
 def test_recordings_are_browsed_filtered_and_followed_to_a_search(open_page):

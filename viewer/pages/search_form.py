@@ -9,8 +9,8 @@ from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.normalization import PARTS
 from viewer.asking import MOST_MATCHES, Asking
-from viewer.components import button, check, field, give, say, tag
-from viewer.shell import Shell
+from viewer.pages.components import button, check, field, give, say, tag
+from viewer.pages.shell import Shell
 
 _WIDEST = 0.3
 """The largest threshold of the slider [statures]. Poses so far apart have nothing in common."""

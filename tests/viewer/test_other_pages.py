@@ -99,6 +99,14 @@ def test_a_take_that_was_not_filmed_has_no_body_model(open_page):
     wait(page, "() => document.querySelector('.notice')?.textContent.includes('was not filmed')")
 
 
+def test_films_that_are_kept_elsewhere_are_told(open_page):
+    page = open_page("/browse?take=filmed")
+    wait(
+        page,
+        "() => /films are not here|no folder/.test(document.querySelector('.films')?.textContent)",
+    )
+
+
 def test_the_report_plays_from_disk_without_network(open_page, archive, tmp_path, capsys):
     file = tmp_path / "report.html"
     query = f"asked:{SHARED[0]}-{SHARED[1]}"

@@ -316,20 +316,3 @@ def test_an_address_that_means_nothing_is_told_and_a_take_shown(open_page, addre
     page = open_page(address)
     wait(page, DRAWN)
     assert told in page.locator(".notice").inner_text()
-
-
-def test_without_webgl_flat_figures_are_drawn_and_it_is_said(viewer, open_page):
-    page = open_page("/look/viewer.css", faults_expected=True)
-    page.context.add_init_script(
-        "const get = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext = function (kind, ...rest)"
-        "{ return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest); };"
-    )
-    page.goto(viewer + LINK)
-    wait(page, PLAYING)
-    assert "no 3-D graphics" in page.locator(".stage-message").inner_text()
-    blue = page.evaluate(
-        "() => { const c = document.querySelector('.stage-view canvas'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
-        "let n = 0; for (let i = 0; i < d.length; i += 4) if (d[i + 2] - d[i] > 90) n++; return n; }"
-    )
-    assert blue > 100

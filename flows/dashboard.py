@@ -5,8 +5,6 @@ later only.
 """
 
 import logging
-import os
-import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +18,7 @@ from prefect.artifacts import (
 )
 from prefect.context import FlowRunContext
 
-from flows.artifact_keys import artifact_key
+from flows.links import artifact_key, viewer_url
 from flows.progress import Estimate, Moment, show_watcher
 from flows.server import is_server_fault, tell_server_is_gone
 from storage.archive import Take
@@ -32,9 +30,6 @@ from tasks.retrieval.answering import Answer
 from tasks.takes.assembling import Blocks
 
 logger = logging.getLogger(__name__)
-
-VIEWER_URL = "SHOSA_VIEWER_URL"
-"""The environment variable that says where the viewer answers; tables link to it."""
 
 _EVERY_S = 3.0
 """How often the progress of a take is shown at most [s]. A call costs the server some 10 ms."""
@@ -272,12 +267,6 @@ def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def viewer_url() -> str | None:
-    """Return where the viewer answers, if that is known and an address of the web."""
-    given = os.environ.get(VIEWER_URL, "").strip()
-    return given if re.match(r"https?://[^\s/]+", given) else None
 
 
 def _without_folder(reason: str, path: str) -> str:

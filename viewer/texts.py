@@ -87,6 +87,7 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "{matches} matches in {takes} recordings · {seconds} s",
         "{takes} 件の動作データに {matches} 件 · {seconds} 秒",
     ),
+    "summary_none": ("No match · {seconds} s", "一致なし · {seconds} 秒"),
     "summary_one": ("1 match · {seconds} s", "1 件 · {seconds} 秒"),
     "searched": (
         "searched {takes} recordings, {frames} frames; the clip itself is left out",
@@ -107,6 +108,11 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "advice_part": ("compare fewer joints", "比べる関節を減らしてください"),
     "advice_shorter": ("mark a shorter clip", "質問区間を短くしてください"),
     "advice_more": ("ingest more recordings", "動作データを増やしてください"),
+    "advice_path": (
+        "do not count where the dancer goes",
+        "軌跡の比較を外してください",
+    ),
+    "loosen": ("Search up to {value}, where the nearest is", "最も近い {value} まで広げて検索"),
     "and": (", ", "、"),
     "skipped": ("{count} recordings were not compared", "{count} 件は比較できませんでした"),
     "mirrored": ("mirrored", "左右反転"),

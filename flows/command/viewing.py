@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
+from flows.links import artifact_key, is_web_address
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 
@@ -48,7 +48,7 @@ def view_archive(options: argparse.Namespace) -> int:
     """
     if not 0 <= options.port <= _LARGEST_PORT:
         raise UsageError(f"--port {options.port} should be 0 to {_LARGEST_PORT}, such as 8080")
-    if options.runs and not re.match(r"https?://[^\s/]+", options.runs):
+    if options.runs and not is_web_address(options.runs):
         raise UsageError(
             f"--runs {options.runs} should be an address, such as http://127.0.0.1:4200"
         )
@@ -135,6 +135,4 @@ def runs_url() -> str:
 
 def run_address(runs: str, take: str) -> str:
     """Return where the dashboard shows what was made of a take: its page, which its runs write."""
-    from flows.artifact_keys import artifact_key
-
     return f"{runs.rstrip('/')}/artifacts/key/{artifact_key('digitized', take)}"

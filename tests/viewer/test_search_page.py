@@ -301,6 +301,10 @@ def test_nothing_found_says_what_to_loosen(open_page):
     page = open_page("/?take=asked&clip=0-50&search=yes&threshold=0.0002")
     wait(page, "() => document.querySelector('.found-note')?.textContent.includes('threshold')")
     assert page.locator(".result").count() == 0
+    page.click("[data-control=loosen]")
+    wait(page, "() => document.querySelectorAll('.result').length > 0")
+    assert "threshold=0." in page.url
+    assert float(page.input_value("[data-control=threshold]")) > 0.0002
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The search page: mark a clip, choose joints, press Search, watch query and match dance."""
 
 import json
+import math
 from asyncio import to_thread
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +12,6 @@ from nicegui import ui
 
 from storage.errors import UnknownNameError
 from storage.schema import JOINTS
-from tasks.retrieval.answering import Answer
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match
 from viewer.answers import find_others
@@ -20,14 +20,15 @@ from viewer.holdings import FILE, Holdings, Motion, matching, performer_of, titl
 from viewer.pages.components import (
     Chooser,
     Curves,
-    Results,
     Timeline,
     give,
     made,
     make_stage,
+    say,
     tag,
 )
-from viewer.pages.search_form import SearchForm
+from viewer.pages.found import Found
+from viewer.pages.search_form import THRESHOLD_STEP, SearchForm
 from viewer.pages.shell import Shell, Site, begin_page
 from viewer.pages.turns import Turns
 from viewer.pairing import BODY, listed, pair, shown_motion
@@ -98,16 +99,7 @@ class SearchPage:
                 self.curves = made(Curves, score=None, body=BODY, texts=texts, chosen=joint)
                 self.joint_chosen = joint is not None
                 self.curves.on("joint", self.keep_joint, args=[])
-            with tag("section", classes="found") as self.found:
-                with tag("div", classes="found-head"):
-                    tag("h2", texts["results"])
-                    self.summary = tag("span", aria_live="polite")
-                    self.detail = tag("small")
-                    self.waiting = tag("div", classes="progress empty")
-                    self.extras = tag("div")
-                self.note = tag("div", texts["opening"], "found-note")
-                self.results = made(Results, matches=[], chosen=0, texts=texts)
-                self.results.on("choose", lambda e: self.open_match(int(e.args["rank"])))
+            self.found = Found(self.shell, self.open_match)
 
     async def begin(self, strange: Sequence[str]) -> None:
         """Show what the address asks for, unless the visitor has asked for something meanwhile."""
@@ -118,7 +110,7 @@ class SearchPage:
             told.append(self.shell.text("left_out", what=", ".join(strange)))
         told += list(damaged.values())[:2]
         danced = [record.take for record in records if "motion" in record.stages]
-        self.say(self.note, self.shell.texts["before_search"])
+        self.found.say(self.shell.texts["before_search"])
         motion = await to_thread(self.find_motion, wanted.take) if wanted.take else None
         if not danced and motion is None:
             self.shell.tell(" ".join([self.shell.texts["empty_archive"], *told]))
@@ -239,7 +231,7 @@ class SearchPage:
         assert start is not None
         assert end is not None
         seconds = f"{(end - start) / motion.rate_hz:.1f}"
-        self.say(self.length, self.shell.text("clip_of", seconds=seconds))
+        say(self.length, self.shell.text("clip_of", seconds=seconds))
         self.show(
             {"query": shown_motion(motion, start, end), "match": None, "strong": self.strong()}
         )
@@ -268,12 +260,8 @@ class SearchPage:
     def tell_outdated(self) -> None:
         """Say where what is listed is of another query than that which is asked now."""
         same = replace(self.asked, searched=False, match=1) == self.asking
-        if self.matches and not same:
-            self.found.classes("outdated")
-            self.say(self.note, self.shell.texts["outdated"])
-        elif self.matches:
-            self.found.classes(remove="outdated")
-            self.say(self.note, "")
+        if self.matches or (self.asked.searched and not same):
+            self.found.mark(outdated=not same)
 
     async def search(self, _event: Any = None, *, rank: int = 1) -> None:
         """Search the archive, and open the best match if the query is still the same."""
@@ -285,73 +273,55 @@ class SearchPage:
             self.shell.tell("")
             records = await to_thread(self.holdings.records_at_hand)
             self.press.props("disabled")
-            self.waiting.classes(remove="empty")
-            self.say(self.summary, self.shell.text("searching", count=f"{len(records):,}"))
-            self.say(self.detail, "")
-            self.say(self.note, "")
+            self.found.wait(len(records))
             clip = (asking.start or 0, asking.end or 0)
             answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
             rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
             self.asked = replace(asking, searched=True, match=rank)
             self.matches = answer.matches
-            self.list_matches(answer, rows)
+            self.found.list(answer, rows, f"/report?{self.asked.report_address()}")
             if self.asking == asking:
                 self.asking = self.asked
                 await self.open_best(rank)
+                if not self.matches and asking.threshold is not None:
+                    await self.offer_nearest(asking, motion, clip)
             else:  # something else is asked by now; it stays as it is
                 self.tell_outdated()
         except Exception as error:
-            self.say(self.summary, "")
+            self.found.give_up()
             self.shell.tell_fault(error)
         finally:
             self.busy = False
-            self.waiting.classes("empty")
+            self.found.waiting.classes("empty")
             self.press.props(remove="disabled")
+
+    async def offer_nearest(self, asking: Asking, motion: Motion, clip: tuple[int, int]) -> None:
+        """Offer the threshold from which on there is a match, where a search found none."""
+        wider = replace(asking.settings(), threshold=None, top=1)
+        answer = await to_thread(find_others, self.holdings, motion, clip, wider)
+        if not answer.matches or self.asking != self.asked:
+            return
+        enough = math.ceil(answer.matches[0].distance / THRESHOLD_STEP) * THRESHOLD_STEP
+
+        async def loosen() -> None:
+            self.form.set_threshold(f"{enough:.4f}")
+            await self.search()
+
+        self.found.offer(self.shell.text("loosen", value=f"{enough:g}"), loosen)
 
     async def open_best(self, rank: int) -> None:
         """Open a match of a new answer, or dance the clip alone where there is none."""
         if self.matches:
             await self.open_match(min(rank, len(self.matches)))
         else:
+            self.found.say(self.advice())
             self.show_query()
         self.write_address()
-
-    def list_matches(self, answer: Answer, rows: list[dict[str, Any]]) -> None:
-        """List what was found."""
-        self.found.classes(remove="outdated")
-        seconds = f"{answer.seconds:.1f}"
-        takes = len({match.take for match in answer.matches})
-        self.say(
-            self.summary,
-            self.shell.text("summary", matches=len(rows), takes=takes, seconds=seconds)
-            if len(rows) != 1
-            else self.shell.text("summary_one", seconds=seconds),
-        )
-        self.say(
-            self.detail,
-            self.shell.text(
-                "searched", takes=f"{answer.searched_takes:,}", frames=f"{answer.searched_frames:,}"
-            ),
-        )
-        self.extras.clear()
-        with self.extras:
-            if rows:
-                address = f"/report?{self.asked.report_address()}"
-                tag(
-                    "a", self.shell.texts["report"], href=address, download="",
-                    title=self.shell.texts["report_title"], data_link="report",
-                )  # fmt: skip
-            if answer.skipped:
-                with tag("details"):
-                    tag("summary", self.shell.text("skipped", count=len(answer.skipped)))
-                    for take, why in list(answer.skipped.items())[:50]:
-                        tag("div", f"{take}: {why}", "soft")
-        give(self.results, matches=rows, chosen=0)
-        self.say(self.note, "" if rows else self.advice())
 
     def advice(self) -> str:
         """Return what to loosen where nothing was found."""
         names = ["advice_threshold"] if self.asking.threshold is not None else []
+        names += ["advice_path"] if self.asking.path_weight else []
         names += ["advice_part"] if set(PARTS[self.asking.part]) == set(JOINTS) else []
         names += ["advice_shorter", "advice_more"]
         said = self.shell.texts["and"].join(self.shell.texts[name] for name in names)
@@ -369,7 +339,7 @@ class SearchPage:
                 else await to_thread(self.holdings.motion, asked.take)
             )
             clip = (asked.start or 0, asked.end or 0)
-            give(self.results, chosen=rank)
+            give(self.found.results, chosen=rank)
             match = self.matches[rank - 1]
             score = await to_thread(pair, self.holdings, motion, clip, match, asked.settings())
             if not newest():
@@ -392,9 +362,3 @@ class SearchPage:
     def write_address(self) -> None:
         """Write what is asked into the address, so that it can be shared."""
         ui.run_javascript(f"window.shosa?.setAddress({json.dumps(self.asking.address())})")
-
-    def say(self, element: ui.element, text: str) -> None:
-        """Give an element a text; without one it takes no room."""
-        element._text = text
-        element.classes(remove="empty") if text else element.classes("empty")
-        element.update()

@@ -1,4 +1,4 @@
-"""The words of the pages, in English and Japanese; parts, joints and takes keep their names."""
+"""The words of the pages, in English and Japanese; joints and takes keep their names."""
 
 from collections.abc import Mapping
 
@@ -175,6 +175,23 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "made_from": ("from", "元データ"),
     "version": ("version", "版"),
     "stages": ("Stages", "処理段階"),
+    "stage_silhouettes": ("silhouettes", "シルエット"),
+    "stage_voxels": ("voxels", "ボクセル"),
+    "stage_labels": ("labels", "体節ラベル"),
+    "stage_body": ("body", "身体モデル"),
+    "stage_pose": ("pose", "姿勢"),
+    "stage_motion": ("motion", "動作データ"),
+    "segment_Head": ("Head", "頭部"),
+    "segment_Body": ("Body", "胴体"),
+    "segment_Waist": ("Waist", "腰"),
+    "segment_RUpperArm": ("Right upper arm", "右上腕"),
+    "segment_RForeArm": ("Right forearm", "右前腕"),
+    "segment_LUpperArm": ("Left upper arm", "左上腕"),
+    "segment_LForeArm": ("Left forearm", "左前腕"),
+    "segment_RUpperLeg": ("Right upper leg", "右大腿"),
+    "segment_RLowerLeg": ("Right lower leg", "右下腿"),
+    "segment_LUpperLeg": ("Left upper leg", "左大腿"),
+    "segment_LLowerLeg": ("Left lower leg", "左下腿"),
     "missing": ("without {joints}", "欠けている関節: {joints}"),
     "doubtful": ("Doubtful frames: {count}", "疑わしいフレーム: {count}"),
     "go_on": ("Go on", "次に"),
@@ -289,7 +306,7 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "curves": ("Joint curves", "関節の軌跡"),
     "why_near": ("Why it is near", "近さの内訳"),
     "joint": ("Joint", "関節"),
-    "meters": ("m, over frames", "m（横軸: フレーム）"),
+    "meters": ("m, over frames", "m・フレーム"),
     "caption": ("{joint} — {title} [{first}–{last}]", "{joint} — {title} [{first}–{last}]"),
     "no_joint": (
         "{joint} is missing in this recording.",

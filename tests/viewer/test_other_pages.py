@@ -190,7 +190,10 @@ def test_what_is_no_archive_or_port_is_told(tmp_path, capsys, archive):
     assert "none" in capsys.readouterr().err
     assert main(["view", str(archive), "--port", "99999"]) == WRONG_USE
     assert main(["report", str(archive), "asked", str(tmp_path / "a.txt")]) == WRONG_USE
-    capsys.readouterr()
+    assert main(["view", str(archive), "--runs", "dashboard"]) == WRONG_USE
+    assert "--runs dashboard should be an address" in capsys.readouterr().err
+    assert main(["serve", str(archive), "--viewer", "here"]) == WRONG_USE
+    assert "--viewer here should read" in capsys.readouterr().err
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -156,7 +156,11 @@ class About:
         tag("h2", self.shell.texts["stages"])
         with tag("div", classes="stages"):
             for stage in STAGES if record.source["kind"] == "capture" else ("motion",):
-                tag("span", stage, "done" if stage in record.stages else "not")
+                tag(
+                    "span",
+                    self.shell.texts[f"stage_{stage}"],
+                    "done" if stage in record.stages else "not",
+                )
         missing = [joint for joint in JOINTS if joint not in record.joints_present]
         if missing and "motion" in record.stages:
             tag("small", self.shell.text("missing", joints=", ".join(missing)))

@@ -1,6 +1,6 @@
 import { fill, hipsOf, linesOf, openVoxels, setBody } from "shosa";
 
-const TALL_M = 2.1; // metres that the view is high
+const TALL_M = 2.1, WIDE_M = 2.0, MIDDLE_M = 0.95; // metres that the view is at least high and wide, and what is in its middle
 const UNDONE_AT_MOST = 100;
 const THINNEST_M = 0.01, WIDEST_M = 0.15; // radius of the brush
 const css = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
@@ -14,7 +14,7 @@ export default {
       <canvas ref="canvas" :class="{brush: moving==='brush'}" @pointerdown="press" @pointermove="hoverAt" @pointerleave="pointer = null" @wheel.prevent="zoom"></canvas>
       <svg ref="handles" class="body-handles" aria-hidden="false">
         <line v-for="(l, n) in lines" :key="'l'+n" :x1="l[0]" :y1="l[1]" :x2="l[2]" :y2="l[3]"></line>
-        <circle v-if="moving==='brush' && pointer" class="brush" :cx="pointer[0]" :cy="pointer[1]" :r="radius * size[1] / 2.1 * scale"></circle>
+        <circle v-if="moving==='brush' && pointer" class="brush" :cx="pointer[0]" :cy="pointer[1]" :r="radius * pixelsPerMetre()"></circle>
         <g v-for="h in handles" :key="h.name + h.kind" :class="['handle', h.kind, {held: held && held.name===h.name, moved: h.moved}]" :data-joint="h.name" :data-kind="h.kind" tabindex="0" role="button" :aria-label="h.name"
           @pointerdown.stop.prevent="grab($event, h)" @keydown="nudge($event, h)" @pointerenter="hover=h.name" @pointerleave="hover=''">
           <circle v-if="h.kind==='joint'" :cx="h.x" :cy="h.y" r="9"></circle>
@@ -34,7 +34,7 @@ export default {
     <aside class="body-side">
       <select data-control="take" :value="content.motion.take" @change="openTake($event.target.value)" :aria-label="texts.recording"><option v-for="(title, take) in content.filmed" :key="take" :value="take">{{ title }}</option></select>
       <p class="soft">{{ texts['start_' + content.source] }} {{ texts['how_' + moving] }}</p>
-      <table class="shares" :class="{choosing: moving==='brush'}"><tr v-for="(name, n) in content.segments" :key="name" :data-segment="name" :aria-selected="moving==='brush' ? segment===n+1 : null" :tabindex="moving==='brush' ? 0 : -1" @click="choose(n+1)" @keydown.enter="choose(n+1)"><td><i class="swatch" :style="{background: 'rgb(' + content.colors[n+1].join() + ')'}"></i></td><td>{{ name }}</td><td class="number">{{ shares ? (100 * shares[n]).toFixed(1) + ' %' : '…' }}</td></tr></table>
+      <table class="shares" :class="{choosing: moving==='brush'}"><tr v-for="(name, n) in content.segments" :key="name" :data-segment="name" :aria-selected="moving==='brush' ? segment===n+1 : null" :tabindex="moving==='brush' ? 0 : -1" @click="choose(n+1)" @keydown.enter="choose(n+1)"><td><i class="swatch" :style="{background: 'rgb(' + content.colors[n+1].join() + ')'}"></i></td><td>{{ texts['segment_' + name] || name }}</td><td class="number">{{ shares ? (100 * shares[n]).toFixed(1) + ' %' : '…' }}</td></tr></table>
       <label class="pick"><input type="checkbox" data-control="both" v-model="both"> {{ texts.both_sides }}</label>
       <label class="pick"><input type="checkbox" data-control="captured" v-model="captured" @change="draw"> {{ texts.captured_colors }}</label>
       <button class="main" data-control="save" :disabled="!content.capture || saving" @click="save">{{ texts.use_model }}</button>
@@ -92,15 +92,16 @@ export default {
       }
     },
     flat() { return Float32Array.from(this.joints.flatMap((p) => p || [NaN, NaN, NaN])); },
+    pixelsPerMetre() { return Math.min(this.size[1] / TALL_M, this.size[0] / WIDE_M) * this.scale; },
     // where a point of the world is on the screen, and how near it is
     project(p) {
-      const [w, h] = this.size, zoom = (h / TALL_M) * this.scale, turn = this.azimuth - this.base.turn, C = Math.cos(turn), S = Math.sin(turn);
+      const [w, h] = this.size, zoom = this.pixelsPerMetre(), turn = this.azimuth - this.base.turn, C = Math.cos(turn), S = Math.sin(turn);
       const dx = p[0] - this.base.x, dz = p[2] - this.base.z;
-      return [w / 2 + zoom * (C * dx + S * dz), h * 0.95 - zoom * p[1] - (this.scale - 1) * -h * 0.42, C * dz - S * dx];
+      return [w / 2 + zoom * (C * dx + S * dz), h / 2 - zoom * (p[1] - MIDDLE_M), C * dz - S * dx];
     },
     // the step in the world that a step on the screen is
     step(dx, dy) {
-      const zoom = (this.size[1] / TALL_M) * this.scale, turn = this.azimuth - this.base.turn;
+      const zoom = this.pixelsPerMetre(), turn = this.azimuth - this.base.turn;
       return [(dx / zoom) * Math.cos(turn), -dy / zoom, (dx / zoom) * Math.sin(turn)];
     },
     look(facing) { this.facing = facing; this.azimuth = { front: 0, side: -Math.PI / 2, back: Math.PI }[facing]; this.draw(); },
@@ -203,7 +204,7 @@ export default {
       pixels.fill((255 << 24) | (background[2] << 16) | (background[1] << 8) | background[0]);
       const v = this.voxels;
       if (v) {
-        const side = Math.max(1, Math.ceil(v.voxel_m * (h / TALL_M) * this.scale * ratio));
+        const side = Math.max(1, Math.ceil(v.voxel_m * this.pixelsPerMetre() * ratio));
         for (let i = 0; i < v.count; i++) {
           const [x, y, z] = this.project([v.place[3 * i], v.place[3 * i + 1], v.place[3 * i + 2]]);
           const label = this.labels ? this.labels[i] : 0;

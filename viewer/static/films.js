@@ -5,14 +5,14 @@ import { fill, player } from "shosa";
 export default {
   template: `
   <aside class="films" v-if="motion" :aria-label="texts.films">
-    <div class="films-head"><b>{{ texts.films }}</b>
+    <div class="films-head"><b>{{ texts.films }} <small v-if="picture">{{ at }}</small></b>
       <select v-if="cameras.length" data-control="camera" v-model="camera" @change="shown = -1; next()" :aria-label="texts.camera"><option value="">{{ texts.all_cameras }}</option><option v-for="name in cameras" :key="name" :value="name">{{ name }}</option></select></div>
     <div class="films-picture" v-show="picture"><img ref="picture" :src="picture" :alt="texts.films">
       <span v-if="!camera" class="films-names" :style="{gridTemplateColumns: 'repeat(' + columns + ', 1fr)'}"><button v-for="name in cameras" :key="name" class="plain" :title="name" @click="camera = name; shown = -1; next()">{{ name }}</button></span></div>
     <p v-if="message" class="soft" role="status">{{ message }}</p>
   </aside>`,
   props: { motion: Object, texts: Object },
-  data() { return { cameras: [], columns: 1, camera: "", picture: "", message: "" }; },
+  data() { return { cameras: [], columns: 1, camera: "", picture: "", message: "", at: 0 }; },
   watch: { motion() { this.open(); } },
   mounted() { this.off = player.on(() => this.next()); this.open(); },
   unmounted() { this.off(); this.release(); },
@@ -44,7 +44,7 @@ export default {
         const content = await answer.blob();
         if (motion === this.motion && camera === this.camera) {
           this.release();
-          this.picture = URL.createObjectURL(content); this.shown = frame; this.message = "";
+          this.picture = URL.createObjectURL(content); this.shown = this.at = frame; this.message = "";
           window.shosa.film = { frame, camera };
         }
       } catch (error) { if (motion === this.motion) { this.message = fill(this.texts.not_loaded, { why: error.message }); this.shown = frame; } }

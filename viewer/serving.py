@@ -1,5 +1,6 @@
 """Serve the pages of one archive to browsers on this machine, until interrupted."""
 
+import asyncio
 import contextlib
 import logging
 import os
@@ -170,3 +171,11 @@ def quiet_libraries() -> None:
     """Let only faults of the libraries behind the pages be heard."""
     for name in ("nicegui", "uvicorn", "uvicorn.error", "engineio", "socketio"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("uvicorn.error").addFilter(_is_fault)
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Say whether a record tells more than that an answer was under way when the viewer ended."""
+    kind = record.exc_info[0] if record.exc_info else None
+    cut_off = kind is not None and issubclass(kind, asyncio.CancelledError)
+    return not cut_off and "graceful shutdown" not in record.getMessage()

@@ -136,6 +136,9 @@ def test_painted_voxels_are_saved_and_of_two_people_the_second_is_told(open_page
     before = first.evaluate("() => window.shosa.bodyModel.shares")
     first.click("[data-move=brush]")
     first.click("[data-segment=RForeArm]")
+    first.locator("[data-control=radius]").evaluate(
+        "e => { e.value = 0.15; e.dispatchEvent(new Event('input')); }"
+    )
     box = first.locator(".body-view").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     first.mouse.move(x - 30, y)

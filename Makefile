@@ -40,7 +40,7 @@ coverage: setup
 	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m "(flow or s3) and not long"
 
 # tests that draw their cases, twenty times as many (kills, damaged files, tracks), and those that
-# take long: the viewer in a browser, workers of a cluster
+# take long: workers of a cluster, a body model corrected in a browser and digitized by
 test-long: setup
 	$(BIN)/pytest $(TWO_CORES) --hypothesis-profile long -m "drawn or long"
 

@@ -4,10 +4,7 @@ A server that went away or refuses is told of once a run, in a sentence, and is 
 later only.
 """
 
-import hashlib
 import logging
-import os
-import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +18,7 @@ from prefect.artifacts import (
 )
 from prefect.context import FlowRunContext
 
+from flows.links import artifact_key, viewer_url
 from flows.progress import Estimate, Moment, show_watcher
 from flows.server import is_server_fault, tell_server_is_gone
 from storage.archive import Take
@@ -33,9 +31,6 @@ from tasks.takes.assembling import Blocks
 
 logger = logging.getLogger(__name__)
 
-VIEWER_URL = "SHOSA_VIEWER_URL"
-"""The environment variable that says where the viewer answers; tables link to it."""
-
 _EVERY_S = 3.0
 """How often the progress of a take is shown at most [s]. A call costs the server some 10 ms."""
 _LOGGED_EVERY_S = 15.0
@@ -44,8 +39,6 @@ _SILENT_S = 60.0
 """How long a server that failed is left alone [s]: some failures take seconds to be noticed."""
 _COUNTED_FROM = 9
 """After how many takes a time is told: they differ, and the first ones wait for the program."""
-_KEY_LENGTH = 60
-"""Of the readable part of a key [characters]. Chosen: a line of the list of pages."""
 _STATUSES = ("failed", "refused", "ingested", "unchanged")
 """What becomes of recordings, what a person has to see first."""
 
@@ -274,25 +267,6 @@ def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def viewer_url() -> str | None:
-    """Return where the viewer answers, if that is known and an address of the web."""
-    given = os.environ.get(VIEWER_URL, "").strip()
-    return given if re.match(r"https?://[^\s/]+", given) else None
-
-
-def artifact_key(kind: str, name: str) -> str:
-    """Return the key of what is shown of a take or an archive: always the same, and its own.
-
-    Prefect allows small Latin letters, digits and hyphens. A name that has others, or is long, is
-    told from those that look alike by its digest.
-    """
-    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:_KEY_LENGTH].strip("-")
-    if plain != name or not plain:
-        digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
-        plain = f"{plain}-{digest}".strip("-")
-    return f"{kind}-{plain}"
 
 
 def _without_folder(reason: str, path: str) -> str:

@@ -49,6 +49,9 @@ class Record:
     """What was inferred or left out when the take was made, a sentence each."""
     settings: dict[str, Any] = field(default_factory=dict)
     """The settings that were not the defaults, by name (`pose_fitting.method`)."""
+    replaced: dict[str, Any] = field(default_factory=dict)
+    """What the recording itself says of the fields of `metadata` that a person has changed since;
+    None where it says nothing."""
     published: str = field(default_factory=now)
     format: int = RECORD_FORMAT
 
@@ -269,6 +272,7 @@ _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "files": (_are_files, "the bytes and sha256 of each file"),
     "notes": (_are_texts, "a list of texts"),
     "settings": (lambda value: isinstance(value, dict), "a table"),
+    "replaced": (lambda value: isinstance(value, dict), "a table"),
     "published": (lambda value: isinstance(value, str), "a date"),
 }
 """What each field of a record has to be: how that is found out, and how it is said."""

@@ -2,7 +2,8 @@
 
 A boundary between two segments goes through their joint. It can be moved away from it: then the
 voxels are labeled as if the joint were there, while the joint itself stays (digitization paper,
-section 3.3). `initial.json` keeps the joints, and the labels that the boundaries make.
+section 3.3). What neither gets right is painted: each touch of the brush is a ball, whose voxels
+are of one segment then. `initial.json` keeps the joints, and the labels that came of it all.
 """
 
 import hashlib
@@ -37,6 +38,8 @@ _STANDING = {
 }  # fmt: skip
 """Joints of a body with stretched arms, to the left and up [heights]. Only a beginning: a person
 drags them from there (after Drillis and Contini 1966)."""
+_MOST_TOUCHES = 4000
+"""How many touches of the brush are taken. Chosen: nobody paints so long."""
 _FOOT_AHEAD = 0.12
 """How far the toes are ahead of the heels [heights]."""
 
@@ -52,6 +55,8 @@ class Start:
     """Where the joints are from: "file", "body", "track" or "standing"."""
     digest: str
     """Of the `initial.json` in the capture, "" where there is none."""
+    labeled: bool = False
+    """Whether that has labels of its own, which stay until something is moved."""
 
 
 def capture_folder(take: Take) -> Path | None:
@@ -85,7 +90,8 @@ def start_of(take: Take, frame: int | None) -> Start:
         except InputError:
             given = None  # a file that cannot be used is replaced when the page saves
         if given is not None and frame in (None, given.frame or 0):
-            return Start(given.frame or 0, given.position, "file", digest)
+            labeled = given.label is not None
+            return Start(given.frame or 0, given.position, "file", digest, labeled)
     if "body" in take.record.stages:
         body = take.body
         found = int(body.attrs["initial_frame"])
@@ -113,14 +119,38 @@ def label_frame(
     ----------
     content
         `joints`: [x, y, z] or None for each of the 21; `boundaries`: name of a joint to where the
-        boundary that usually goes through it is.
+        boundary that usually goes through it is; `touches`: [x, y, z, radius, segment] of each
+        touch of the brush, m; `kept`: whether the labels of the file are those to begin with.
 
     Raises
     ------
     InputError
-        If a joint that has to be placed is not.
+        If a joint that has to be placed is not, or something is no touch.
     """
     center, is_surface = holdings.held_voxels(take, frame)
+    label = _kept_labels(take, frame, len(center)) if content.get("kept") else None
+    if label is None:
+        label = _label_by_joints(center, content)
+    for x, y, z, radius, segment in _read_touches(content.get("touches")):
+        label[((center - [x, y, z]) ** 2).sum(axis=1) <= radius**2] = int(segment)
+    return label, is_surface
+
+
+def _kept_labels(take: Take, frame: int, voxels: int) -> NDArray[np.uint8] | None:
+    """Return the labels of the capture's `initial.json`, None where it has none of this frame."""
+    folder = capture_folder(take)
+    if folder is None:
+        return None
+    try:
+        given = read_initial(folder / FILE)
+    except InputError:
+        return None
+    fits = given.label is not None and (given.frame or 0) == frame and len(given.label) == voxels
+    return given.label.copy() if given.label is not None and fits else None
+
+
+def _label_by_joints(center: NDArray[np.float64], content: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Return the labels that follow from joints and boundaries."""
     position = _read_joints(content.get("joints"))
     for name, place in dict(content.get("boundaries") or {}).items():
         if name in BOUNDARIES:
@@ -129,7 +159,7 @@ def label_frame(
     if missing:
         raise InputError(f"{', '.join(missing)} must be placed")
     joints = complete_joints(dict(zip(JOINTS, position, strict=True)))
-    return label_points(center, joints), is_surface
+    return label_points(center, joints)
 
 
 def shares_of(label: NDArray[np.uint8]) -> list[float]:
@@ -163,7 +193,8 @@ def save_model(
     if empty:
         raise InputError(f"{', '.join(empty)} has no voxel; move its joints or boundaries")
     with told(f"write {into}"):
-        own = label if content.get("boundaries") else None  # without, they follow from the joints
+        by_hand = any(content.get(what) for what in ("boundaries", "touches", "kept"))
+        own = label if by_hand else None  # without, they follow from the joints
         write_initial(into, position, frame=frame, label=own)
 
 
@@ -226,3 +257,18 @@ def _point(place: Any) -> list[float]:
     if not isinstance(place, list) or len(place) != 3:
         raise InputError("a joint should be [x, y, z]")
     return [float(v) if isinstance(v, int | float) else math.nan for v in place]
+
+
+def _read_touches(touches: Any) -> list[list[float]]:
+    """Return the touches of the brush as a page sends them."""
+    if touches is None:
+        return []
+    if not isinstance(touches, list) or len(touches) > _MOST_TOUCHES:
+        raise InputError(f"up to {_MOST_TOUCHES} touches of the brush are wanted")
+    for touch in touches:
+        good = isinstance(touch, list) and len(touch) == 5
+        if not good or not all(isinstance(v, int | float) and math.isfinite(v) for v in touch):
+            raise InputError("a touch of the brush should be [x, y, z, radius, segment]")
+        if touch[4] not in range(1, len(SEGMENTS) + 1):
+            raise InputError(f"a segment is a number from 1 to {len(SEGMENTS)}")
+    return touches

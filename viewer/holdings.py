@@ -8,7 +8,7 @@ import secrets
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.archive import Take
+from storage.describing import describe_take
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.publication import Record
 from storage.schema import JOINTS
@@ -38,6 +39,10 @@ _PACKED_HELD = 256
 """How many search arrays are kept open [takes]. They are mapped, not in memory."""
 _FRAMES_HELD = 4
 """How many frames of voxels are held while body models are corrected [frames]."""
+_FILMS_OPEN = 8
+"""How many takes' films are remembered [takes]. Looking through one takes seconds."""
+_PICTURES_HELD = 64
+"""How many pieces of films are held [pieces]. One has some 300 kB."""
 FILE = "file"
 """What stands in an address in place of a version where the motion is of a dropped file."""
 
@@ -79,6 +84,8 @@ class Holdings:
         self._frames: OrderedDict[Any, Any] = OrderedDict()
         self._packed: OrderedDict[Any, Any] = OrderedDict()
         self._palettes: OrderedDict[Any, Any] = OrderedDict()
+        self._films: OrderedDict[Any, Any] = OrderedDict()
+        self._pictures: OrderedDict[Any, Any] = OrderedDict()
         self._files: OrderedDict[str, Motion] = OrderedDict()
 
     def records(self) -> tuple[list[Record], dict[str, str]]:
@@ -102,6 +109,13 @@ class Holdings:
         held = self._listing
         return held[1] if held is not None else self.records()[0]
 
+    def describe(self, name: str, said: Mapping[str, str], over: int) -> Record:
+        """Give a take other words; raises as `describe_take`."""
+        record = describe_take(open_archive(self.location), name, said, over=over)
+        with self._listing_lock:
+            self._listing = None
+        return record
+
     def take(self, name: str, version: str | None = None) -> Take:
         """Return a take as it is now, or an older version that some page still shows.
 
@@ -111,13 +125,17 @@ class Holdings:
             If there is no such take, or not in this version.
         """
         if version is not None and (held := self._takes.get((name, version))) is not None:
-            return held
+            return held  # its words may be older, its data are not
         found = open_archive(self.location).take(name)
         if version is not None and found.record.version != version:
             raise ArchiveError(
                 f"take {name!r} has been replaced by a newer version; load the page again"
             )
-        return self._hold(self._takes, (name, found.record.version), lambda: found, _TAKES_OPEN)
+        key = (name, found.record.version)
+        if (held := self._takes.get(key)) is not None and held.record.number != found.record.number:
+            with self._lock:
+                self._takes.pop(key, None)
+        return self._hold(self._takes, key, lambda: found, _TAKES_OPEN)
 
     def motion(self, name: str, version: str | None = None) -> Motion:
         """Return the motion of a take, or of a dropped file (`version` is `FILE`).
@@ -132,9 +150,8 @@ class Holdings:
                 raise UnknownNameError("that file is not held any more; drop it on the page again")
             return held
         take = self.take(name, version)
-        return self._hold(
-            self._motions, (name, take.record.version), lambda: _motion_of(take), _TAKES_OPEN
-        )
+        key = (name, take.record.version, take.record.number)
+        return self._hold(self._motions, key, lambda: _motion_of(take), _TAKES_OPEN)
 
     def packed(self, record: Record) -> PackedTake:
         """Return a take as the search reads it: opened and checked once, mapped on a disk.
@@ -187,6 +204,14 @@ class Holdings:
 
         key = (take.name, take.record.version, frame)
         return self._hold(self._frames, key, read, _FRAMES_HELD)
+
+    def films(self, take: Take, make: Callable[[], _Held]) -> _Held:
+        """Return the films of a take's capture, looked through once."""
+        return self._hold(self._films, (take.name, take.record.version), make, _FILMS_OPEN)
+
+    def film_pictures(self, key: tuple[str, str, int, str], make: Callable[[], _Held]) -> _Held:
+        """Return the pictures of some frames of films, made once while they are looked at."""
+        return self._hold(self._pictures, key, make, _PICTURES_HELD)
 
     def palette(self, take: Take, make: Callable[[], _Held]) -> _Held:
         """Return the colors that a take is shown with, made once."""

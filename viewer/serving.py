@@ -1,5 +1,6 @@
 """Serve the pages of one archive to browsers on this machine, until interrupted."""
 
+import asyncio
 import contextlib
 import logging
 import os
@@ -22,15 +23,16 @@ from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
 from tasks.retrieval.searching import Query, search_takes
 from tasks.retrieval.segments import PackedTake
-from viewer.body_page import body_page
-from viewer.browse_page import browse_page
-from viewer.data import add_data
+from viewer.addresses.files import add_files
+from viewer.addresses.frames import add_data
+from viewer.addresses.pictures import add_pictures
 from viewer.digitizing import Digitizations, Starter
-from viewer.files import add_files
 from viewer.guard import guard
 from viewer.holdings import Holdings
-from viewer.search_page import search_page
-from viewer.shell import Site
+from viewer.pages.body import body_page
+from viewer.pages.browse import browse_page
+from viewer.pages.search import search_page
+from viewer.pages.shell import Site
 
 _LOOK = Path(__file__).parent / "static"
 _FORGET_S = 10.0
@@ -43,6 +45,7 @@ def serve_viewer(
     host: str = "127.0.0.1",
     port: int = 8080,
     runs_url: str,
+    run_address: Callable[[str], str],
     digitize: Starter,
     open_browser: bool = True,
     tell: Callable[[str], None],
@@ -55,6 +58,8 @@ def serve_viewer(
         By default only this machine can reach it.
     runs_url
         Where Prefect's dashboard is, for a link.
+    run_address
+        Returns where the runs of a take are told there.
     digitize
         Starts digitizing a capture into this archive, when a page asks for it.
     tell
@@ -74,7 +79,7 @@ def serve_viewer(
             shown = "127.0.0.1" if host in ("0.0.0.0", "") else host
             address = f"http://[{shown}]:{bound}/" if ":" in shown else f"http://{shown}:{bound}/"
             work = Digitizations(digitize, Path(uploads))
-            app = make_app(Site(holdings, runs_url), work)
+            app = make_app(Site(holdings, runs_url, run_address), work)
             server = uvicorn.Server(
                 uvicorn.Config(
                     guard(app, host), log_level="warning", access_log=False,
@@ -96,6 +101,7 @@ def make_app(site: Site, work: Digitizations) -> FastAPI:
     app = FastAPI(openapi_url=None)
     add_data(app, site.holdings)
     add_files(app, site.holdings, work)
+    add_pictures(app, site.holdings)
     app.mount("/look", StaticFiles(directory=_LOOK), name="look")
 
     @ui.page("/")
@@ -166,3 +172,11 @@ def quiet_libraries() -> None:
     """Let only faults of the libraries behind the pages be heard."""
     for name in ("nicegui", "uvicorn", "uvicorn.error", "engineio", "socketio"):
         logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("uvicorn.error").addFilter(_is_fault)
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Say whether a record tells more than that an answer was under way when the viewer ended."""
+    kind = record.exc_info[0] if record.exc_info else None
+    cut_off = kind is not None and issubclass(kind, asyncio.CancelledError)
+    return not cut_off and "graceful shutdown" not in record.getMessage()

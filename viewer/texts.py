@@ -1,4 +1,4 @@
-"""The words of the pages, in English and Japanese; parts, joints and takes keep their names."""
+"""The words of the pages, in English and Japanese; joints and takes keep their names."""
 
 from collections.abc import Mapping
 
@@ -87,6 +87,7 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "{matches} matches in {takes} recordings · {seconds} s",
         "{takes} 件の動作データに {matches} 件 · {seconds} 秒",
     ),
+    "summary_none": ("No match · {seconds} s", "一致なし · {seconds} 秒"),
     "summary_one": ("1 match · {seconds} s", "1 件 · {seconds} 秒"),
     "searched": (
         "searched {takes} recordings, {frames} frames; the clip itself is left out",
@@ -107,6 +108,11 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "advice_part": ("compare fewer joints", "比べる関節を減らしてください"),
     "advice_shorter": ("mark a shorter clip", "質問区間を短くしてください"),
     "advice_more": ("ingest more recordings", "動作データを増やしてください"),
+    "advice_path": (
+        "do not count where the dancer goes",
+        "軌跡の比較を外してください",
+    ),
+    "loosen": ("Search up to {value}, where the nearest is", "最も近い {value} まで広げて検索"),
     "and": (", ", "、"),
     "skipped": ("{count} recordings were not compared", "{count} 件は比較できませんでした"),
     "mirrored": ("mirrored", "左右反転"),
@@ -169,6 +175,23 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "made_from": ("from", "元データ"),
     "version": ("version", "版"),
     "stages": ("Stages", "処理段階"),
+    "stage_silhouettes": ("silhouettes", "シルエット"),
+    "stage_voxels": ("voxels", "ボクセル"),
+    "stage_labels": ("labels", "体節ラベル"),
+    "stage_body": ("body", "身体モデル"),
+    "stage_pose": ("pose", "姿勢"),
+    "stage_motion": ("motion", "動作データ"),
+    "segment_Head": ("Head", "頭部"),
+    "segment_Body": ("Body", "胴体"),
+    "segment_Waist": ("Waist", "腰"),
+    "segment_RUpperArm": ("Right upper arm", "右上腕"),
+    "segment_RForeArm": ("Right forearm", "右前腕"),
+    "segment_LUpperArm": ("Left upper arm", "左上腕"),
+    "segment_LForeArm": ("Left forearm", "左前腕"),
+    "segment_RUpperLeg": ("Right upper leg", "右大腿"),
+    "segment_RLowerLeg": ("Right lower leg", "右下腿"),
+    "segment_LUpperLeg": ("Left upper leg", "左大腿"),
+    "segment_LLowerLeg": ("Left lower leg", "左下腿"),
     "missing": ("without {joints}", "欠けている関節: {joints}"),
     "doubtful": ("Doubtful frames: {count}", "疑わしいフレーム: {count}"),
     "go_on": ("Go on", "次に"),
@@ -176,6 +199,46 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "correct_body": ("Correct the body model", "身体モデルを直す"),
     "said": ("What was said when it was made", "作成時の記録"),
     "nothing_said": ("Nothing was inferred or left out.", "補った点や除いた点はありません。"),
+    "edit": ("Edit", "編集"),
+    "edit_title": ("What describes this recording", "この動作データの説明"),
+    "field_title": ("title", "題名"),
+    "field_performer": ("performer", "演者"),
+    "field_recorded": ("recorded", "収録日"),
+    "field_creator": ("creator", "作成者"),
+    "field_contributor": ("contributor", "協力者"),
+    "field_date": ("date", "日付"),
+    "field_description": ("description", "説明"),
+    "field_subject": ("subject", "主題"),
+    "field_rights": ("rights", "権利"),
+    "field_language": ("language", "言語"),
+    "new_field": ("another field", "項目を追加"),
+    "save": ("Save", "保存"),
+    "cancel": ("Cancel", "取消"),
+    "words_only": (
+        "The dance itself stays as it is; empty a field to remove it.",
+        "動作データ自体は変わりません。空にすると項目を削除します。",
+    ),
+    "changed_meanwhile": (
+        "Somebody else has changed this recording since you opened it, and nothing was saved. "
+        "Load the page again to see what it says now.",
+        "開いてから他の人が変更したため、保存しませんでした。再読み込みして確認してください。",
+    ),
+    "its_runs": ("How it was made ↗", "処理の記録 ↗"),
+    "save_as": ("Save as a file", "ファイルに保存"),
+    "save_view": ("picture from here (PNG)", "この視点の画像 (PNG)"),
+    "save_view_title": (
+        "The filmed body in this frame, from where you look at it now",
+        "このフレームのボクセルを今の視点から描いた画像",
+    ),
+    "save_voxels": ("colored voxels (GLB)", "色付きボクセル (GLB)"),
+    "save_voxels_title": (
+        "The filmed body from this frame on, {count} frames at most, for any 3-D viewer",
+        "このフレームから最大 {count} フレームのボクセル（一般の 3D ビューア用）",
+    ),
+    "films": ("Films", "撮影動画"),
+    "opening_films": ("Looking through the films …", "動画を確認中 …"),
+    "camera": ("Camera", "カメラ"),
+    "all_cameras": ("all cameras", "全カメラ"),
     # body model
     "none_filmed": (
         "No recording of this archive was filmed: there are no voxels to measure a body in.",
@@ -190,6 +253,12 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "to_move": ("What to move", "動かすもの"),
     "joints": ("Joints", "関節"),
     "boundaries": ("Boundaries", "境界"),
+    "brush": ("Brush", "ブラシ"),
+    "brush_size": ("Size", "太さ"),
+    "how_brush": (
+        "Choose a segment here, then paint the body where it should be; drag beside it to turn.",
+        "体節を選んで身体の上を塗ります。身体の外をドラッグすると回転します。",
+    ),
     "undo": ("Undo", "元に戻す"),
     "frame": ("Frame", "フレーム"),
     "start_file": ("These joints were placed by a person before.", "以前に人が置いた関節です。"),
@@ -237,7 +306,7 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "curves": ("Joint curves", "関節の軌跡"),
     "why_near": ("Why it is near", "近さの内訳"),
     "joint": ("Joint", "関節"),
-    "meters": ("m, over frames", "m（横軸: フレーム）"),
+    "meters": ("m, over frames", "m・フレーム"),
     "caption": ("{joint} — {title} [{first}–{last}]", "{joint} — {title} [{first}–{last}]"),
     "no_joint": (
         "{joint} is missing in this recording.",

@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 
 from flows.command import printing
 from flows.command.options import UsageError
+from flows.links import VIEWER_URL, is_web_address
 from flows.served import Served, ServingError
 from flows.serving import serve
 from storage import create_archive
@@ -60,6 +61,11 @@ def add_serve_options(serve: argparse.ArgumentParser) -> None:
         "--join", metavar="URL", help="work for the server of another machine, http://HOST:PORT/api"
     )
     serve.add_argument(
+        "--viewer",
+        metavar="URL",
+        help="where `shosa view` answers: takes and matches in the dashboard link to it",
+    )
+    serve.add_argument(
         "--once", action="store_true", help="scan the inboxes once, without a server, and end"
     )
 
@@ -75,6 +81,10 @@ def run_serve(options: argparse.Namespace) -> int:
         If the archive or an inbox cannot be used.
     """
     _check(options)
+    if options.viewer is not None:
+        if not is_web_address(options.viewer):
+            raise UsageError(f"--viewer {options.viewer} should read http://HOST:PORT")
+        os.environ[VIEWER_URL] = options.viewer
     archive = create_archive(options.archive).location
     inboxes = list(dict.fromkeys(open_inbox(each, archive).location for each in options.inbox))
     roots = [

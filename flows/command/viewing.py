@@ -14,6 +14,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
+from flows.links import artifact_key, is_web_address
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 
@@ -29,6 +30,11 @@ def add_view(commands: Any, make: Any) -> None:
         "--host", default="127.0.0.1", metavar="ADDRESS",
         help="who can reach it: by default only this machine; 0.0.0.0 lets the whole network in",
     )  # fmt: skip
+    view.add_argument(
+        "--runs",
+        metavar="URL",
+        help="where the dashboard of `shosa serve` is, for links; as PREFECT_API_URL says",
+    )
     view.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -42,10 +48,15 @@ def view_archive(options: argparse.Namespace) -> int:
     """
     if not 0 <= options.port <= _LARGEST_PORT:
         raise UsageError(f"--port {options.port} should be 0 to {_LARGEST_PORT}, such as 8080")
+    if options.runs and not is_web_address(options.runs):
+        raise UsageError(
+            f"--runs {options.runs} should be an address, such as http://127.0.0.1:4200"
+        )
     open_archive(options.archive)  # before the pages are loaded, which takes a second or two
     from viewer.serving import quiet_libraries, serve_viewer
 
     quiet_libraries()
+    runs = options.runs or runs_url()
 
     def digitize(capture: str, said: Path) -> subprocess.Popen[bytes]:
         with said.open("wb") as into:
@@ -60,7 +71,8 @@ def view_archive(options: argparse.Namespace) -> int:
         printing.say(f"showing {options.archive}; Ctrl+C ends it")
 
     serve_viewer(
-        options.archive, host=options.host, port=options.port, runs_url=runs_url(),
+        options.archive, host=options.host, port=options.port, runs_url=runs,
+        run_address=lambda take: run_address(runs, take),
         digitize=digitize, open_browser=not options.no_browser, tell=tell,
     )  # fmt: skip
     return 0
@@ -119,3 +131,8 @@ def runs_url() -> str:
     """Return where Prefect's dashboard is, as its own variables say."""
     api = os.environ.get("PREFECT_API_URL", "http://127.0.0.1:4200/api")
     return os.environ.get("PREFECT_UI_URL") or api.removesuffix("/").removesuffix("/api")
+
+
+def run_address(runs: str, take: str) -> str:
+    """Return where the dashboard shows what was made of a take: its page, which its runs write."""
+    return f"{runs.rstrip('/')}/artifacts/key/{artifact_key('digitized', take)}"

@@ -15,22 +15,16 @@ from tasks.rendering.drawing.canvas import (
     FINE,
     INK,
     PAPER,
-    Color,
     Image,
     blank,
     draw_line,
     draw_text,
     finish,
 )
+from tasks.rendering.drawing.segment_colors import SEGMENT_COLORS
 
 Points = NDArray[np.float64]
 
-SEGMENT_COLORS: tuple[Color, ...] = (
-    *((214, 210, 200), (236, 190, 120), (150, 190, 120), (98, 148, 170)),
-    *((214, 92, 80), (240, 160, 150), (70, 100, 190), (150, 175, 235)),
-    *((190, 120, 60), (225, 180, 130), (120, 80, 150), (185, 155, 210)),
-)
-"""A color a label: 0, then the 11 segments; right limbs warm, left limbs cool."""
 _JOINT_LINES = (
     *(("Head", "Neck"), ("Neck", "Waist")),
     *((a, s + b) for s in "RL" for a, b in (("Neck", "Shoulder"), ("Waist", "Hip"))),

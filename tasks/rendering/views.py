@@ -18,18 +18,11 @@ from storage.errors import InputError, UnknownNameError
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from tasks.engine.threads import THREADS
+from tasks.rendering.drawing import segment_colors
 from tasks.rendering.novel_views import aim_camera, render_view
 
-SEGMENT_COLORS = np.array(
-    [
-        [150, 150, 150],  # no segment
-        [230, 190, 60], [200, 60, 60], [120, 70, 160],
-        [60, 120, 200], [110, 190, 230], [40, 150, 90], [150, 210, 110],
-        [190, 110, 40], [240, 170, 110], [170, 60, 130], [240, 150, 200],
-    ],
-    np.uint8,
-)  # fmt: skip
-"""RGB of the labels 0 to 11: neighbors differ in hue, right and left in all limbs."""
+SEGMENT_COLORS = np.array(segment_colors.SEGMENT_COLORS, np.uint8)
+"""RGB of the labels 0 to 11."""
 
 _FILLS = 0.8
 """How much of the picture's height or width is filled by all that the take occupies [share]. Chosen

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from storage.archive import Archive
+from storage.describing import own_metadata
 from storage.publication import damaged_files
 from storage.recordings import Recording
 from storage.records import Record, read_record
@@ -84,7 +85,7 @@ def made_by(record: Record) -> str:
 
 def _differing(record: Record, recording: Recording, settings: Mapping[str, Any]) -> str | None:
     """Name what a take was made with and is not given now, or the other way round."""
-    if recording.kind == "motion" and record.metadata != recording.metadata:
+    if recording.kind == "motion" and own_metadata(record) != recording.metadata:
         return "its metadata"  # those of a capture are part of its content
     if "code" not in record.source:  # a record of before, which does not hold all settings
         return None

@@ -8,16 +8,14 @@ import pytest
 
 from flows import dashboard
 from flows.dashboard import (
-    VIEWER_URL,
-    artifact_key,
     count_teller,
     ingested_rows,
     match_rows,
     progress_teller,
     show_digitized,
     shown,
-    viewer_url,
 )
+from flows.links import VIEWER_URL, artifact_key, viewer_url
 from flows.progress import ASSEMBLING
 from storage import create_archive, open_archive
 from storage.archive import Take

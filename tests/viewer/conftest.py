@@ -1,4 +1,4 @@
-"""One viewer and one browser for the tests of a file."""
+"""One viewer and one browser for all tests that do not change the archive."""
 
 import os
 import select
@@ -12,28 +12,27 @@ from dataclasses import dataclass
 import pytest
 
 from tests.conftest import HANGING_S, ROOT
-from tests.figures.dances import make_dances
+from tests.figures.dances import SHARED, make_dances
 
-FLAGS = (
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-)  # fmt: skip
+FLAGS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader")
 """WebGL by the processor: machines of the tests have no graphics card."""
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
 """The system's own, none that is downloaded."""
 HANGING_MS = HANGING_S * 1000
+VISITOR = {"viewport": {"width": 1280, "height": 800}, "locale": "en"}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def archive(tmp_path_factory):
-    """An archive of the known dances: where it is."""
+    """An archive of the known dances, which no test changes: where it is."""
     location = tmp_path_factory.mktemp("viewer") / "archive"
     make_dances(location)
     return location
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def viewer(archive):
     """The address of a viewer of the archive."""
     with open_viewer(archive) as opened:
@@ -68,7 +67,7 @@ def open_viewer(location):
         process.stdout.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser():
     """A Chromium; the tests that need one are skipped where there is none."""
     if CHROMIUM is None:
@@ -81,17 +80,26 @@ def browser():
         browser.close()
 
 
+@pytest.fixture(scope="session")
+def visitor(browser):
+    """One visitor, whose browser has the scripts of the pages from the page before."""
+    context = browser.new_context(**VISITOR)
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def open_page(browser, viewer):
+def open_page(browser, visitor, viewer):
     """A function that opens a page of the viewer; nothing may go wrong on it, or leave loopback."""
-    contexts, faults, strange = [], [], []
+    opened, faults, strange = [], [], []
 
     def open_(address="/", *, faults_expected=False, **options):
-        context = browser.new_context(
-            **{"viewport": {"width": 1280, "height": 800}, "locale": "en", **options}
-        )
-        contexts.append(context)
+        context = visitor
+        if options:  # somebody who has been here never before
+            context = browser.new_context(**{**VISITOR, **options})
+            opened.append(context)
         page = context.new_page()
+        opened.append(page)
         page.set_default_timeout(HANGING_MS)
         if not faults_expected:
             page.on("console", lambda m: faults.append(m.text) if m.type == "error" else None)
@@ -108,8 +116,8 @@ def open_page(browser, viewer):
         return page
 
     yield open_
-    for context in contexts:
-        context.close()
+    for each in reversed(opened):
+        each.close()
     assert not faults
     assert not strange
 
@@ -131,6 +139,27 @@ def poses(page):
         for who, pose, frame in found
         if pose
     }
+
+
+LINK = f"/?take=asked&clip={SHARED[0]}-{SHARED[1]}&part=feet&search=yes"
+DRAWN = "() => window.shosa?.stage?.figures?.[0]?.pose"
+PLAYING = "() => window.shosa?.stage?.figures?.length === 2 && window.shosa.stage.figures.every(f => f.pose)"
+
+
+def opened(open_page, address=LINK, **options):
+    """Return a page on which the best match dances over the query, paused at its beginning."""
+    page = open_page(address, **options)
+    wait(page, PLAYING)
+    page.evaluate("() => document.activeElement.blur()")
+    page.click("[data-control=play]")
+    page.keyboard.press("Home")
+    wait(page, "() => window.shosa.stage.figures[0].frame === " + str(SHARED[0]))
+    return page
+
+
+def drawn_frames(page):
+    """Return the frames of the takes that are drawn, of query and match."""
+    return [round(frame) for _, frame in poses(page).values()]
 
 
 def poll(condition):

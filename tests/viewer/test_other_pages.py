@@ -14,11 +14,9 @@ from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tests.conftest import ROOT
 from tests.figures.dances import SHARED, VOXELS
-from tests.viewer.conftest import wait
+from tests.viewer.conftest import DRAWN, wait
 
-pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
-
-DRAWN = "() => window.shosa?.stage?.figures?.[0]?.pose"
+pytestmark = [pytest.mark.slow, pytest.mark.compiled]
 
 
 def test_recordings_are_browsed_filtered_and_followed_to_a_search(open_page):
@@ -99,6 +97,14 @@ def capture(archive):
 def test_a_take_that_was_not_filmed_has_no_body_model(open_page):
     page = open_page("/body?take=asked")
     wait(page, "() => document.querySelector('.notice')?.textContent.includes('was not filmed')")
+
+
+def test_films_that_are_kept_elsewhere_are_told(open_page):
+    page = open_page("/browse?take=filmed")
+    wait(
+        page,
+        "() => /films are not here|no folder/.test(document.querySelector('.films')?.textContent)",
+    )
 
 
 def test_the_report_plays_from_disk_without_network(open_page, archive, tmp_path, capsys):
@@ -184,7 +190,10 @@ def test_what_is_no_archive_or_port_is_told(tmp_path, capsys, archive):
     assert "none" in capsys.readouterr().err
     assert main(["view", str(archive), "--port", "99999"]) == WRONG_USE
     assert main(["report", str(archive), "asked", str(tmp_path / "a.txt")]) == WRONG_USE
-    capsys.readouterr()
+    assert main(["view", str(archive), "--runs", "dashboard"]) == WRONG_USE
+    assert "--runs dashboard should be an address" in capsys.readouterr().err
+    assert main(["serve", str(archive), "--viewer", "here"]) == WRONG_USE
+    assert "--viewer here should read" in capsys.readouterr().err
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -28,12 +28,15 @@ export default {
   methods: {
     async send(file) {
       if (!file) return;
+      const turn = this.turn = (this.turn || 0) + 1; // what is chosen or dropped while it is read counts more
       this.reading = fill(this.texts.reading_file, { name: file.name });
       try {
         const answer = await fetch(`/files?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
-        if (answer.ok) this.$emit("file", await answer.json()); else this.$emit("fault", { why: await answer.text() });
-      } catch (error) { this.$emit("fault", { why: error.message }); }
-      this.reading = "";
+        const said = answer.ok ? await answer.json() : await answer.text();
+        if (turn !== this.turn) return;
+        if (answer.ok) this.$emit("file", said); else this.$emit("fault", { why: said });
+      } catch (error) { if (turn === this.turn) this.$emit("fault", { why: error.message }); }
+      if (turn === this.turn) this.reading = "";
     },
     say(more) { return fill(this.texts.more, { count: more.toLocaleString() }); },
     begin() { this.open = true; this.words = ""; this.at = 0; this.$emit("filter", { words: "" }); },
@@ -43,7 +46,7 @@ export default {
       this.later = setTimeout(() => this.$emit("filter", { words: this.words }), 120);
     },
     leave() { this.open = false; },
-    choose(take) { this.open = false; this.$refs.input.blur(); this.$emit("choose", { take }); },
+    choose(take) { this.open = false; this.turn = (this.turn || 0) + 1; this.reading = ""; this.$refs.input.blur(); this.$emit("choose", { take }); },
     press(event) {
       const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
       if (by) { this.at = Math.max(0, Math.min(this.options.length - 1, this.at + by)); event.preventDefault(); this.$nextTick(() => this.$el.querySelector('[aria-selected="true"]')?.scrollIntoView({ block: "nearest" })); }

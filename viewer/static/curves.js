@@ -15,7 +15,7 @@ export default {
       <span class="axes" v-show="tab==='curves'"><span v-for="[name, color] in axes" :key="name"><i class="dash" :class="name" :style="{background: \`var(\${color})\`}"></i>{{ name }}</span> {{ texts.meters }}</span>
     </div>
     <div class="curves-plots">
-      <figure v-for="who in plots" :key="who" :data-plot="who"><figcaption>{{ captions[who] }}</figcaption><canvas :ref="who" @pointerdown="jump($event, who)"></canvas></figure>
+      <figure v-for="who in plots" :key="who" :data-plot="who"><figcaption>{{ captions[who] }}</figcaption><div class="plot"><canvas :ref="who" @pointerdown="jump($event, who)"></canvas><i class="plot-cursor" :ref="who + '-cursor'"></i></div></figure>
     </div>
   </div>`,
   props: { score: Object, body: Object, texts: Object, chosen: String },
@@ -49,7 +49,7 @@ export default {
           this.captions[who] = fill(this.texts.caption, { joint: this.joint, title: m.title, first: m.start, last: m.end });
         }
         if (score.match) { this.captions.along = this.texts.along; this.captions.joints = this.texts.by_joint; }
-      } catch (error) { this.captions.query = fill(this.texts.not_loaded, { why: error.message }); }
+      } catch (error) { if (score === this.score) this.captions.query = fill(this.texts.not_loaded, { why: error.message }); }
       this.$nextTick(() => this.schedule(true));
     },
     schedule(afresh) {
@@ -63,20 +63,18 @@ export default {
       const ratio = devicePixelRatio, w = Math.round(canvas.clientWidth * ratio), h = Math.round(canvas.clientHeight * ratio);
       if (w < 10 || h < 10) return;
       this.pictures ||= {};
-      let held = this.pictures[who];
       const theme = document.body.className;
-      if (this.theme !== theme) { this.theme = theme; this.pictures = {}; held = null; }
-      if (!held || held.canvas.width !== w || held.canvas.height !== h) { // the curves are drawn once, the cursor each time
-        held = this.pictures[who] = { canvas: Object.assign(document.createElement("canvas"), { width: w, height: h }) };
-        held.plot = { query: this.paintCurve, match: this.paintCurve, along: this.paintAlong, joints: this.paintJoints }[who].call(this, held.canvas.getContext("2d"), who, w, h, ratio);
+      if (this.theme !== theme) { this.theme = theme; this.pictures = {}; }
+      let held = this.pictures[who];
+      if (!held || canvas.width !== w || canvas.height !== h || held.canvas !== canvas) { // the curves are drawn once, the cursor is moved
+        canvas.width = w; canvas.height = h;
+        held = this.pictures[who] = { canvas };
+        held.plot = { query: this.paintCurve, match: this.paintCurve, along: this.paintAlong, joints: this.paintJoints }[who].call(this, canvas.getContext("2d"), who, w, h, ratio);
       }
-      canvas.width = w; canvas.height = h;
-      const c = canvas.getContext("2d");
-      c.drawImage(held.canvas, 0, 0);
-      const at = this.cursor(who, held.plot);
-      if (at !== null && held.plot) {
-        c.strokeStyle = css("--ink"); c.lineWidth = 1.5 * ratio;
-        c.beginPath(); c.moveTo(held.plot.x(at), held.plot.top); c.lineTo(held.plot.x(at), held.plot.bottom); c.stroke();
+      const at = this.cursor(who, held.plot), line = this.canvas(`${who}-cursor`), seen = at !== null && held.plot;
+      line.style.visibility = seen ? "visible" : "hidden";
+      if (seen) {
+        line.style.transform = `translateX(${held.plot.x(at) / ratio}px)`;
         (window.shosa.cursors ||= {})[who] = at;
       }
     },

@@ -1,5 +1,6 @@
 import { THREE, OrbitControls } from "nicegui-scene";
-import { APART, compose, fill, headOf, linesOf, openTrack, openVoxels, player, setAddress, setBody, StickCanvas } from "shosa";
+import { APART, compose, fill, openTrack, openVoxels, player, save, setAddress, setBody, StickCanvas } from "shosa";
+import { Body, FIELD_OF_VIEW, Figure } from "shosa/dancers.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 const FILMS = ["video/mp4;codecs=avc1.42E01F", "video/mp4;codecs=vp9", "video/mp4", "video/webm;codecs=vp9", "video/webm"];
@@ -7,10 +8,10 @@ const REST_MS = 500; // stillness before and after a film
 const MODES = ["overlay", "side", "query"];
 const BODY_ASIDE = 1.35; // metres from a figure to its colored body
 const TALL_M = 2.55, REACH_M = 1.5; // metres that are in the picture: up, and about each figure
-const FIELD_OF_VIEW = 36; // degrees
+const AT_REST_M = 0.0005; // a step of the camera that nobody sees
+const COARSE = 0.75; // share of the pixels across while a processor draws what plays
 const AHEAD_S = 4; // seconds of frames that are asked for before they are shown
 
-const up = new THREE.Vector3(0, 1, 0);
 const looks = { theme: null };
 const css = (name) => { // asking for a style each frame is slow
   const theme = document.body.className;
@@ -30,85 +31,6 @@ function isSoftware() {
 function noTrack(joints) {
   const nothing = new Float32Array(3 * joints).fill(NaN);
   return { frame: () => nothing, want: () => Promise.resolve(false) };
-}
-
-// One stick figure: a tube a line, a ball a joint.
-class Figure {
-  constructor(scene, joints, lines, top) {
-    this.top = top; // the joint on top of the head is inside its ball
-    this.strong = new THREE.MeshStandardMaterial({ roughness: 0.55 });
-    this.faint = new THREE.MeshStandardMaterial({ roughness: 0.55, transparent: true, opacity: 0.42 });
-    const tube = new THREE.CylinderGeometry(0.017, 0.017, 1, 10), ball = new THREE.SphereGeometry(0.027, 14, 10);
-    this.group = new THREE.Group();
-    this.lines = Array.from({ length: lines }, () => new THREE.Mesh(tube, this.strong));
-    this.joints = Array.from({ length: joints }, () => new THREE.Mesh(ball, this.strong));
-    this.head = new THREE.Mesh(new THREE.SphereGeometry(1, 20, 14), this.strong);
-    this.group.add(...this.lines, ...this.joints, this.head);
-    scene.add(this.group);
-  }
-  show(pose, color, strong) {
-    this.group.visible = Boolean(pose);
-    if (!pose) return;
-    this.strong.color.set(color); this.faint.color.set(color);
-    const a = new THREE.Vector3(), b = new THREE.Vector3(), lines = linesOf(pose);
-    this.lines.forEach((mesh, n) => {
-      const line = lines[n];
-      mesh.visible = false;
-      if (!line) return;
-      a.fromArray(pose, 3 * line[0]); b.fromArray(pose, 3 * line[1]);
-      const long = a.distanceTo(b);
-      if (!(long > 1e-4)) return;
-      mesh.visible = true;
-      mesh.material = !strong || strong.has(line[0]) || strong.has(line[1]) ? this.strong : this.faint;
-      mesh.position.copy(a).add(b).multiplyScalar(0.5);
-      mesh.scale.set(1, long, 1);
-      mesh.quaternion.setFromUnitVectors(up, b.sub(a).normalize());
-    });
-    this.joints.forEach((mesh, k) => {
-      mesh.visible = Number.isFinite(pose[3 * k]) && k !== this.top;
-      mesh.material = !strong || strong.has(k) ? this.strong : this.faint;
-      if (mesh.visible) mesh.position.fromArray(pose, 3 * k);
-    });
-    const head = headOf(pose);
-    this.head.visible = Boolean(head);
-    if (head) { this.head.position.fromArray(head.middle); this.head.scale.setScalar(head.radius); this.head.material = this.joints[0].material; }
-  }
-}
-
-// One body of colored voxels: a square a voxel, of its size.
-class Body {
-  constructor(scene) {
-    this.material = new THREE.PointsMaterial({ vertexColors: true, sizeAttenuation: true });
-    this.material.onBeforeCompile = (shader) => { // darker to the rim: squares of one color still show the body's shape
-      shader.fragmentShader = shader.fragmentShader.replace("#include <color_fragment>", "#include <color_fragment>\nvec2 rim = gl_PointCoord * 2.0 - 1.0; diffuseColor.rgb *= 1.06 - 0.28 * dot(rim, rim);");
-    };
-    this.points = new THREE.Points(new THREE.BufferGeometry(), this.material);
-    this.points.frustumCulled = false;
-    this.points.visible = false;
-    scene.add(this.points);
-    this.shown = "";
-  }
-  show(voxels, { base, stand }, segmentColors, key) {
-    this.points.visible = Boolean(voxels && base);
-    if (!this.points.visible || this.shown === key) return;
-    this.shown = key;
-    const { count, place, color, label, palette, voxel_m } = voxels;
-    const rgb = new Float32Array(3 * count), c = new THREE.Color();
-    const table = segmentColors
-      ? segmentColors.map((each) => c.setRGB(...each.map((v) => v / 255), THREE.SRGBColorSpace).toArray())
-      : Array.from({ length: palette.length / 3 }, (_, n) => c.setRGB(...[0, 1, 2].map((k) => palette[3 * n + k] / 255), THREE.SRGBColorSpace).toArray());
-    const which = segmentColors ? label : color;
-    for (let i = 0; i < count; i++) { const found = table[which[i]] || table[0]; rgb[3 * i] = found[0]; rgb[3 * i + 1] = found[1]; rgb[3 * i + 2] = found[2]; }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(place, 3));
-    geometry.setAttribute("color", new THREE.BufferAttribute(rgb, 3));
-    this.points.geometry.dispose();
-    this.points.geometry = geometry;
-    this.material.size = (1.25 * voxel_m) / Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180)); // three.js leaves the view out
-    const turn = -base.turn, C = Math.cos(turn), S = Math.sin(turn);
-    this.points.rotation.y = turn; // moves (x, z) to (C x + S z, C z - S x)
-    this.points.position.set(stand.x - (C * base.x + S * base.z), 0, stand.z - (C * base.z - S * base.x));
-  }
 }
 
 export default {
@@ -160,6 +82,7 @@ export default {
     window.shosa.stage = { figures: [], bodies: [], mode: this.mode };
     window.shosa.player = player;
     window.shosa.seekFrame = (frame) => { player.playing = false; player.seek((frame - this.score.query.start) / this.score.query.rate); };
+    window.shosa.saveFromStage = (what, most) => this.saveFrom(what, most);
     window.shosa.preview = (frame) => { this.previewed = frame; this.wake(); };
     this.load();
   },
@@ -175,7 +98,8 @@ export default {
     makeView() {
       const view = this.$refs.view;
       try {
-        this.renderer = new THREE.WebGLRenderer({ antialias: !isSoftware() });
+        this.slow = isSoftware();
+        this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow });
       } catch (error) {
         this.flat = new StickCanvas(document.createElement("canvas")); // WebGL is missing
         view.appendChild(this.flat.canvas);
@@ -205,7 +129,7 @@ export default {
         this.wake();
         const w = Math.max(1, view.clientWidth), h = Math.max(1, view.clientHeight);
         if (this.flat) { this.flat.canvas.width = w * devicePixelRatio; this.flat.canvas.height = h * devicePixelRatio; return; }
-        this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+        this.renderer.setPixelRatio(this.ratio());
         this.renderer.setSize(w, h);
         this.camera.aspect = w / h;
         this.camera.updateProjectionMatrix();
@@ -216,12 +140,13 @@ export default {
         if (this.stopped) return;
         requestAnimationFrame(loop);
         player.tick(now);
+        if (this.slow && this.ratio() !== this.renderer.getPixelRatio()) fit(); // fine again at rest
         if (player.playing || this.due > 0) { this.due -= 1; this.draw(); } // nothing is drawn while nothing moves
       };
       requestAnimationFrame(loop);
     },
-    wake() { this.due = 60; }, // frames: the camera comes to rest within them
-    wakeOnce() { this.due = Math.max(this.due, 1); },
+    ratio() { return Math.min(2, devicePixelRatio) * (this.slow && player.playing && !this.filming ? COARSE : 1); },
+    wake() { this.due = 2; }, // frames that are drawn though nothing plays; more while the camera moves
     home() {
       this.wake();
       if (!this.camera) return;
@@ -259,6 +184,7 @@ export default {
         this.home();
         player.tell();
       } catch (error) {
+        if (score !== this.score) return; // something else is shown by now
         this.message = fill(this.texts.not_loaded, { why: error.message });
       }
       this.waiting = false;
@@ -303,6 +229,16 @@ export default {
       link.click();
       setTimeout(() => URL.revokeObjectURL(link.href), 60000); // the browser reads it in its own time
     },
+    // Save a picture from here, or the voxels from this frame on, as the server makes them.
+    saveFrom(what, most) {
+      const { figures } = window.shosa.stage, motion = this.score?.query;
+      if (!motion || !figures.length) return;
+      const frame = Math.round(figures[0].frame), take = encodeURIComponent(motion.take);
+      if (what === "voxels") { save(`/voxels/${take}/${frame}-${Math.min(motion.end, frame + most - 1)}.glb`, this.texts.not_loaded); return; }
+      const from = this.camera ? this.camera.position.clone().sub(this.orbit.target) : { x: Math.sin(this.flat.view.azimuth), y: Math.tan(this.flat.view.elevation), z: Math.cos(this.flat.view.azimuth) };
+      const azimuth = Math.atan2(from.x, from.z) + (figures[0].base?.turn || 0), elevation = Math.atan2(from.y, Math.hypot(from.x, from.z));
+      save(`/view/${take}/${frame}?azimuth=${azimuth.toFixed(4)}&elevation=${elevation.toFixed(4)}&color=${this.voxels === "segments" ? "segments" : "video"}`, this.texts.not_loaded);
+    },
     setSpeed() { player.speed = this.speed; },
     seek(event) { player.playing = false; player.seek((player.length * event.target.value) / 1000); },
     pressed(event) {
@@ -321,7 +257,7 @@ export default {
     prefetch(figures) {
       for (const { who, frame } of figures) {
         const motion = this.score[who];
-        this.tracks[who].want(Math.floor(frame), Math.min(motion.end + 1, frame + AHEAD_S * motion.rate)).then((came) => came && this.wakeOnce()).catch((error) => this.fail(error));
+        this.tracks[who].want(Math.floor(frame), Math.min(motion.end + 1, frame + AHEAD_S * motion.rate)).then((came) => came && this.wake()).catch((error) => this.fail(error));
       }
     },
     fail(error) { this.message = fill(this.texts.not_loaded, { why: error.message }); },
@@ -336,12 +272,12 @@ export default {
       }
       const figures = compose(score, this.tracks, t, show);
       this.prefetch(figures);
-      const colors = { query: css("--query"), match: css("--match") };
+      const colors = { query: css("--query"), match: css("--match") }, faint = { query: css("--query-faint"), match: css("--match-faint") };
       const shown = [];
       for (const { who, frame, base, stand } of figures) {
         if (!this.bodyShown() || !score[who]?.voxels || !this.bodies) continue;
         const store = openVoxels(score[who]), n = Math.round(frame), side = score.query.joints === false ? 0 : who === "query" ? -BODY_ASIDE : BODY_ASIDE;
-        store.want(n).then((came) => came && this.wakeOnce()).catch((error) => this.fail(error));
+        store.want(n).then((came) => came && this.wake()).catch((error) => this.fail(error));
         store.want(Math.min(score[who].end, n + 15)).catch((error) => this.fail(error));
         const key = `${score[who].take} ${n} ${this.voxels} ${this.mode} ${base?.x}`, voxels = store.frame(n);
         if (voxels) { this.bodies[who].show(voxels, { base, stand: { ...stand, x: stand.x + side } }, this.voxels === "segments" ? this.segments : null, key); shown.push({ who, frame: n, count: voxels.count, colors: this.voxels }); }
@@ -351,7 +287,7 @@ export default {
       window.shosa.stage = { figures, bodies: shown, mode: this.mode, frames: (window.shosa.stage.frames || 0) + 1, camera: this.camera && this.camera.position.toArray(), strong: this.strong && [...this.strong] };
       if (this.figures) for (const who of ["query", "match"]) {
         const found = figures.find((each) => each.who === who);
-        this.figures[who].show(found?.pose, colors[who], this.strong);
+        this.figures[who].show(found?.pose, colors[who], faint[who], this.strong);
       }
       this.followDancer(figures[0]?.pose);
       if (this.flat) {
@@ -366,6 +302,8 @@ export default {
       const to = this.follow && pose ? { x: (pose[i] + pose[k]) / 2 + (this.mode === "side" && this.score.match ? APART : 0), z: (pose[i + 2] + pose[k + 2]) / 2 } : { x: 0, z: 0 };
       if (!Number.isFinite(to.x + to.z)) return;
       const dx = (to.x - this.middle.x) * 0.15, dz = (to.z - this.middle.z) * 0.15; // a calm camera
+      if (Math.abs(dx) + Math.abs(dz) < AT_REST_M) return;
+      this.wake();
       this.middle.x += dx; this.middle.z += dz;
       this.orbit.target.x += dx; this.orbit.target.z += dz;
       this.camera.position.x += dx; this.camera.position.z += dz;

@@ -107,7 +107,7 @@ export default {
         const rows = Array.from({ length: THUMBNAILS }, (_, n) => Math.min(track.rows - 1, Math.round(((n + 0.5) / THUMBNAILS) * (track.rows - 1))));
         strip(canvas, rows.map((row) => track.at(row)), getComputedStyle(document.body).getPropertyValue("--soft-ink").trim(), devicePixelRatio);
         this.$el.dataset.drawn = motion.take;
-      } catch (error) { this.$emit("fault", { why: error.message }); }
+      } catch (error) { if (motion === this.motion) this.$emit("fault", { why: error.message }); }
     },
   },
 };

@@ -80,6 +80,15 @@ def encode_drawing(image: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".webp", turned, [cv2.IMWRITE_WEBP_QUALITY, _LOSSLESS])[1].tobytes()
 
 
+def encode_jpeg(image: NDArray[np.uint8], quality: int) -> bytes:
+    """Return an RGB picture (row, column, 3) uint8 as the bytes of a JPEG file."""
+    import cv2
+
+    turned = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", turned, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
+
+
 def encode_within(image: NDArray[np.uint8], most_bytes: int) -> tuple[bytes, str]:
     """Return an RGB picture as the bytes of a small file, and the media type of that.
 

@@ -3,4 +3,4 @@ export { openTrack, openVoxels, overview } from "./tracks.js";
 export { APART, BONES, OTHER_SIDE, compose, facing, headOf, hipsOf, linesOf, matchSeconds, poseAt, setBody } from "./figures.js";
 export { player } from "./player.js";
 export { StickCanvas, strip } from "./sticks.js";
-export { fill, setAddress } from "./page.js";
+export { fill, save, setAddress } from "./page.js";

@@ -11,3 +11,21 @@ export function setAddress(state) {
 window.shosa.setAddress = setAddress;
 
 export const fill = (text, values) => text.replace(/\{(\w+)\}/g, (all, name) => values[name] ?? all);
+
+// Save what an address answers as a file; what it says is wrong stands on top of the page.
+export async function save(address, wrong) {
+  const notice = document.querySelector(".notice");
+  document.body.classList.add("saving");
+  try {
+    const answer = await fetch(address);
+    if (!answer.ok) throw new Error(await answer.text());
+    const named = /filename\*=UTF-8''(.*)$/.exec(answer.headers.get("content-disposition") || "");
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(await answer.blob()), download: named ? decodeURIComponent(named[1]) : "" });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000); // the browser reads it in its own time
+    notice?.classList.add("empty");
+  } catch (error) {
+    if (notice) { notice.textContent = fill(wrong, { why: error.message }); notice.classList.remove("empty"); }
+  }
+  document.body.classList.remove("saving");
+}

@@ -9,12 +9,13 @@ from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.normalization import PARTS
 from viewer.asking import MOST_MATCHES, Asking
-from viewer.components import button, check, field, give, say, tag
-from viewer.shell import Shell
+from viewer.pages.components import button, check, field, give, say, tag
+from viewer.pages.shell import Shell
 
 _WIDEST = 0.3
 """The largest threshold of the slider [statures]. Poses so far apart have nothing in common."""
-_STEP = 0.005
+THRESHOLD_STEP = 0.005
+"""From a place of the slider to the next [statures]."""
 
 
 class SearchForm:
@@ -45,10 +46,15 @@ class SearchForm:
             button(texts["equal_weights"], lambda: self.choose_part(self.asking.part), "plain")
         with tag("div", classes="row"):
             tag("label", texts["threshold"])
-            shown = _WIDEST + _STEP if asking.threshold is None else min(asking.threshold, _WIDEST)
-            field(
-                "range", f"{shown:g}", self.set_threshold, min=f"{_STEP}", max=f"{_WIDEST + _STEP}",
-                step=f"{_STEP}", data_control="threshold", aria_label=texts["threshold"],
+            shown = (
+                _WIDEST + THRESHOLD_STEP
+                if asking.threshold is None
+                else min(asking.threshold, _WIDEST)
+            )
+            self.threshold = field(
+                "range", f"{shown:g}", self.set_threshold, min=f"{THRESHOLD_STEP}",
+                max=f"{_WIDEST + THRESHOLD_STEP}", step=f"{THRESHOLD_STEP}",
+                data_control="threshold", aria_label=texts["threshold"],
             )  # fmt: skip
         self.meaning = tag("small")
         with tag("label", classes="row"):
@@ -80,6 +86,7 @@ class SearchForm:
     def set_threshold(self, text: str) -> None:
         """Take another threshold; the last place of the slider means none."""
         value = round(float(text), 4)
+        give(self.threshold, value=text)
         self.take(replace(self.asking, threshold=None if value > _WIDEST else value))
 
     def set_top(self, text: str) -> None:

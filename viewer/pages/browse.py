@@ -5,7 +5,6 @@ import json
 from asyncio import to_thread
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 from fastapi import Request
@@ -14,27 +13,21 @@ from nicegui import ui
 from storage.errors import ArchiveError
 from storage.publication import Record
 from storage.schema import JOINTS
-from tasks.rendering.views import SEGMENT_COLORS
-from viewer.asking import search_address
-from viewer.components import FIRST_VALUE, Stage, Takes, give, made, say, tag
-from viewer.holdings import Holdings, matching, performer_of, title_of
-from viewer.pairing import BODY, shown_motion, strip_of
-from viewer.shell import Shell, Site, begin_page
+from viewer.holdings import matching, performer_of, title_of
+from viewer.pages.about import About
+from viewer.pages.components import FIRST_VALUE, Films, Takes, give, made, make_stage, say, tag
+from viewer.pages.shell import Shell, Site, begin_page
+from viewer.pages.turns import Turns
+from viewer.pairing import shown_motion, strip_of
 
 MOST_LISTED = 80
 """How many recordings are listed at a time. More are found by typing."""
-_MOST_DOUBTS = 40
-"""How many stretches of doubtful frames are listed."""
-STAGES = ("silhouettes", "voxels", "labels", "body", "pose", "motion")
-"""The stages whose state is shown, in their order."""
-EXPORTS = ("bvh", "trc", "c3d", "csv", "glb")
-"""The kinds of file in which a take's joints are offered."""
 
 
 async def browse_page(site: Site, request: Request) -> None:
     """Build the page for one visitor."""
     shell = begin_page(site, request, "browse")
-    page = BrowsePage(site.holdings, shell)
+    page = BrowsePage(site, shell)
     page.build(request.query_params)
     await ui.context.client.connected()
     with shell.telling():
@@ -46,8 +39,10 @@ async def browse_page(site: Site, request: Request) -> None:
 class BrowsePage:
     """What one visitor sees."""
 
-    def __init__(self, holdings: Holdings, shell: Shell) -> None:
-        self.holdings, self.shell = holdings, shell
+    def __init__(self, site: Site, shell: Shell) -> None:
+        self.site, self.holdings, self.shell = site, site.holdings, shell
+        self.words = ""
+        self.turns = Turns()
 
     def build(self, values: Mapping[str, str]) -> None:
         """Build the parts of the page, still empty."""
@@ -70,34 +65,37 @@ class BrowsePage:
             with tag("section", classes="shown"):
                 show = {"single": True, "voxels": values.get("voxels")}
                 with tag("div", classes="main-area"):
-                    self.stage = made(
-                        Stage,
-                        score=None,
-                        body=BODY,
-                        texts=texts,
-                        show=show,
-                        segments=SEGMENT_COLORS.tolist(),
-                    )
-                self.about = tag("div", classes="about")
+                    self.stage = make_stage(texts, show)
+                    self.films = made(Films, motion=None, texts=texts)
+                self.about = About(self.holdings, self.shell, self.described, self.site.run_address)
 
     async def begin(self, take: str, words: str) -> None:
-        """List the recordings, and show one."""
+        """List the recordings, and show one unless the visitor has chosen one meanwhile."""
+        newest = self.turns.take("recording")
         first = await self.filter(words)
-        _, damaged = await to_thread(self.holdings.records)
-        self.shell.tell(" ".join(list(damaged.values())[:3]))
-        if take or first:
-            await self.choose(take or first)
+        records, damaged = await to_thread(self.holdings.records)
+        take = take or first or (records[0].take if records else "")
+        if not newest():
+            return
+        if take:
+            await self.choose(take)
         else:
             self.shell.tell(self.shell.texts["empty_archive"])
+        if damaged:
+            self.shell.tell(" ".join(list(damaged.values())[:3]))
 
     async def filter(self, words: str) -> str:
         """List the recordings in which the words are; return the first one's name."""
+        newest = self.turns.take("filter")
+        self.words = words
         with self.shell.telling():
             if not words:
                 await to_thread(self.holdings.records)
             records = await to_thread(self.holdings.records_at_hand)
             found = matching(records, words)
             rows = await to_thread(self.rows, found[:MOST_LISTED])
+            if not newest():
+                return ""
             give(self.takes, takes=rows)
             text = self.shell.text("recordings", count=f"{len(found):,}")
             if len(found) > len(rows):
@@ -131,11 +129,15 @@ class BrowsePage:
 
     async def choose(self, name: str) -> None:
         """Show a recording."""
+        newest = self.turns.take("recording")
         with self.shell.telling():
             motion = await to_thread(self.holdings.motion, name)
             take = await to_thread(self.holdings.take, name)
             doubts = await to_thread(self.doubts, name)
+            if not newest():
+                return
             give(self.takes, chosen=name)
+            is_filmed = take.record.source["kind"] == "capture"
             score = {
                 "query": shown_motion(motion, 0, motion.frames - 1),
                 "match": None,
@@ -143,9 +145,15 @@ class BrowsePage:
                 "marks": doubts,
             }
             give(self.stage, score=score)
-            self.show_about(take.record, doubts)
+            give(self.films, motion=score["query"] if is_filmed else None)
+            self.about.show(take.record, doubts)
             ui.run_javascript(f"window.shosa?.setAddress({json.dumps({'take': name})})")
             self.shell.tell("")
+
+    async def described(self, name: str) -> None:
+        """Show the words that a recording has now, here and in the list."""
+        await self.filter(self.words)
+        await self.choose(name)
 
     def doubts(self, name: str) -> list[list[int]]:
         """Return the stretches of frames of a take that its fit marked as doubtful."""
@@ -155,73 +163,3 @@ class BrowsePage:
         doubtful = np.asarray(take.pose["doubtful"].values, np.bool_)
         edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2)
         return [[int(first), int(end) - 1] for first, end in edges]
-
-    def show_about(self, record: Record, doubts: list[list[int]]) -> None:
-        """Show what is known of a recording."""
-        texts = self.shell.texts
-        self.about.clear()
-        with self.about:
-            with tag("div"):
-                tag("h2", title_of(record))
-                with tag("dl"):
-                    facts = {
-                        texts["take"]: record.take,
-                        texts[
-                            "length"
-                        ]: f"{record.frames:,} · {record.frames / record.rate_hz:.1f} s "
-                        f"· {record.rate_hz:g} Hz",
-                        texts["made_from"]: f"{record.source['kind']}, {record.source['name']}",
-                        **{k: v for k, v in record.metadata.items() if k != "title"},
-                        texts[
-                            "version"
-                        ]: f"{record.number}, {record.published[:16].replace('T', ' ')}",
-                    }
-                    for name, value in facts.items():
-                        tag("dt", str(name))
-                        tag("dd", str(value))
-            with tag("div"):
-                tag("h2", texts["stages"])
-                with tag("div", classes="stages"):
-                    for stage in STAGES if record.source["kind"] == "capture" else ("motion",):
-                        tag("span", stage, "done" if stage in record.stages else "not")
-                missing = [joint for joint in JOINTS if joint not in record.joints_present]
-                if missing and "motion" in record.stages:
-                    tag("small", self.shell.text("missing", joints=", ".join(missing)))
-                if doubts:
-                    tag("h2", self.shell.text("doubtful", count=sum(b - a + 1 for a, b in doubts)))
-                    with tag("div", classes="links"):
-                        for first, last in doubts[:_MOST_DOUBTS]:
-                            text = f"{first}-{last}" if first != last else f"{first}"
-                            shown = tag("button", text, "plain", data_doubt=str(first))
-                            shown.on("click", js_handler=f"() => window.shosa.seekFrame({first})")
-                tag("h2", texts["go_on"])
-                self.show_links(record)
-            with tag("div"):
-                tag("h2", texts["said"])
-                if record.notes:
-                    with tag("ul"):
-                        for note in record.notes:
-                            tag("li", note)
-                else:
-                    tag("small", texts["nothing_said"])
-
-    def show_links(self, record: Record) -> None:
-        """Show where one goes from here."""
-        texts, name = self.shell.texts, quote(record.take)
-        with tag("div", classes="links"):
-            if "motion" in record.stages:
-                long = min(record.frames - 1, round(2 * record.rate_hz))
-                start = (record.frames - 1 - long) // 2
-                address = search_address(record.take, start, start + long)
-                tag("a", texts["search_like"], href=address, data_link="search")
-            if "voxels" in record.stages:
-                tag("a", texts["correct_body"], href=f"/body?take={name}", data_link="body")
-            if "motion" in record.stages:
-                for kind in EXPORTS:
-                    tag(
-                        "a",
-                        kind.upper(),
-                        href=f"/export/{name}.{kind}",
-                        download="",
-                        data_link=kind,
-                    )

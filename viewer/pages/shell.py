@@ -1,7 +1,7 @@
 """What is around every page: head line, language, colors; and how a fault is told on one."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from fastapi import Request
 from nicegui import ui
 
 from storage.errors import ArchiveError, InputError, UnknownNameError
-from viewer.components import say, tag
 from viewer.holdings import Holdings
+from viewer.pages.components import say, tag
 from viewer.texts import choose_language, texts_of
 
 logger = logging.getLogger(__name__)
@@ -28,6 +28,8 @@ class Site:
     holdings: Holdings
     runs_url: str
     """Where Prefect's dashboard is."""
+    run_address: Callable[[str], str] | None = None
+    """Returns where the runs of a take are told there."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,15 @@ class Shell:
         self.notice.classes(remove="empty") if text else self.notice.classes("empty")
 
     def tell_fault(self, error: BaseException) -> None:
-        """Show what went wrong as a sentence; what is no user's doing is logged in full."""
+        """Show what went wrong as a sentence."""
+        self.tell(self.text("fault", why=self.fault_text(error)))
+
+    def fault_text(self, error: BaseException) -> str:
+        """Return what went wrong as a sentence; what is no user's doing is logged in full."""
         if not isinstance(error, TOLD):
             logger.exception("a fault of the viewer", exc_info=error)
             error = RuntimeError(f"a fault of the program ({type(error).__name__}: {error})")
-        self.tell(self.text("fault", why=" ".join(str(error).split())))
+        return " ".join(str(error).split())
 
     @contextmanager
     def telling(self) -> Iterator[None]:

@@ -3,15 +3,15 @@
 import tempfile
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 from fastapi import FastAPI, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, PlainTextResponse
 
-from storage.errors import ArchiveError, InputError, UnknownNameError
+from storage.errors import InputError, UnknownNameError
 from tasks.exporting.joints import export_take
+from viewer.addresses.telling import saved_as, told
 from viewer.answers import find_others
 from viewer.asking import read_address
 from viewer.body_model import (
@@ -29,8 +29,6 @@ from viewer.texts import choose_language
 
 MOST_BYTES = 1 << 28
 """Longest file that may be dropped on a page [bytes]. An hour of a hundred markers is less."""
-TOLD = (UnknownNameError, ArchiveError, InputError, OSError, ValueError)
-"""What is told in a sentence."""
 
 
 def add_files(app: FastAPI, holdings: Holdings, work: Digitizations) -> None:
@@ -38,11 +36,11 @@ def add_files(app: FastAPI, holdings: Holdings, work: Digitizations) -> None:
 
     @app.get("/report")
     def report(request: Request) -> Response:
-        return _told(lambda: _report(holdings, request))
+        return told(lambda: _report(holdings, request))
 
     @app.get("/export/{name}")
     def export(name: str) -> Response:
-        return _told(lambda: _export(holdings, name))
+        return told(lambda: _export(holdings, name))
 
     @app.post("/files")
     async def file(request: Request, name: str) -> Response:
@@ -60,7 +58,7 @@ def add_files(app: FastAPI, holdings: Holdings, work: Digitizations) -> None:
 
     @app.post("/digitize/{take}")
     def digitize(take: str) -> Response:
-        return _told(lambda: _digitize(holdings, work, take))
+        return told(lambda: _digitize(holdings, work, take))
 
     @app.get("/digitize/{take}")
     def digitizing(take: str) -> Response:
@@ -70,16 +68,8 @@ def add_files(app: FastAPI, holdings: Holdings, work: Digitizations) -> None:
     async def body(request: Request, what: str, take: str, version: str, frame: int) -> Response:
         content = await _json(request)
         return await run_in_threadpool(
-            lambda: _told(lambda: _body(holdings, what, (take, version, frame), content))
+            lambda: told(lambda: _body(holdings, what, (take, version, frame), content))
         )
-
-
-def _told(make: Any) -> Response:
-    """Return what `make` returns, or a sentence about what is wrong."""
-    try:
-        return make()
-    except TOLD as error:
-        return PlainTextResponse(str(error), 404 if isinstance(error, UnknownNameError) else 409)
 
 
 async def _json(request: Request) -> dict[str, Any]:
@@ -101,7 +91,7 @@ def _report(holdings: Holdings, request: Request) -> Response:
         None, request.cookies.get("language"), request.headers.get("accept-language", "")
     )
     content = make_report(holdings, answer, motion, language)
-    head = _saved_as(f"{motion.title}-{clip[0]}-{clip[1]}.html")
+    head = saved_as(f"{motion.title}-{clip[0]}-{clip[1]}.html")
     return Response(content, media_type="text/html; charset=utf-8", headers=head)
 
 
@@ -112,7 +102,7 @@ def _export(holdings: Holdings, name: str) -> Response:
         path = Path(folder) / f"take{Path(name).suffix.lower()}"
         export_take(holdings.location, take, str(path))
         content = path.read_bytes()
-    return Response(content, media_type="application/octet-stream", headers=_saved_as(name))
+    return Response(content, media_type="application/octet-stream", headers=saved_as(name))
 
 
 def _digitize(holdings: Holdings, work: Digitizations, name: str) -> Response:
@@ -145,8 +135,3 @@ def _body(
             save_model(holdings, take, frame, content, into=path)
             return Response(path.read_bytes(), media_type="application/json")
     raise UnknownNameError(f"nothing is done at {what[:40]!r}")
-
-
-def _saved_as(name: str) -> dict[str, str]:
-    """Return the header by which a browser saves an answer under a name."""
-    return {"content-disposition": f"attachment; filename*=UTF-8''{quote(name)}"}

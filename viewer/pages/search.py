@@ -1,6 +1,7 @@
 """The search page: mark a clip, choose joints, press Search, watch query and match dance."""
 
 import json
+import math
 from asyncio import to_thread
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,27 +10,28 @@ from typing import Any
 from fastapi import Request
 from nicegui import ui
 
+from storage.errors import UnknownNameError
 from storage.schema import JOINTS
-from tasks.rendering.views import SEGMENT_COLORS
-from tasks.retrieval.answering import Answer
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match
 from viewer.answers import find_others
 from viewer.asking import Asking, read_address
-from viewer.components import (
+from viewer.holdings import FILE, Holdings, Motion, matching, performer_of, title_of
+from viewer.pages.components import (
     Chooser,
     Curves,
-    Results,
-    Stage,
     Timeline,
     give,
     made,
+    make_stage,
+    say,
     tag,
 )
-from viewer.holdings import FILE, Holdings, Motion, matching, performer_of, title_of
+from viewer.pages.found import Found
+from viewer.pages.search_form import THRESHOLD_STEP, SearchForm
+from viewer.pages.shell import Shell, Site, begin_page
+from viewer.pages.turns import Turns
 from viewer.pairing import BODY, listed, pair, shown_motion
-from viewer.search_form import SearchForm
-from viewer.shell import Shell, Site, begin_page
 
 MOST_LISTED = 60
 """How many recordings the chooser shows at a time. More are found by typing."""
@@ -60,6 +62,7 @@ class SearchPage:
         self.matches: list[Match] = []
         self.asked = asking
         self.busy = False
+        self.turns = Turns()
 
     def build(self, values: Mapping[str, str]) -> None:
         """Build the parts of the page, still empty."""
@@ -91,61 +94,62 @@ class SearchPage:
                     )
                     self.press.on("click", self.search, args=[])
             with tag("section", classes="main-area"):
-                self.stage = made(
-                    Stage,
-                    score=None,
-                    body=BODY,
-                    texts=texts,
-                    show=show,
-                    segments=SEGMENT_COLORS.tolist(),
-                )
+                self.stage = make_stage(texts, show)
             with tag("section", classes="below"):
                 self.curves = made(Curves, score=None, body=BODY, texts=texts, chosen=joint)
                 self.joint_chosen = joint is not None
                 self.curves.on("joint", self.keep_joint, args=[])
-            with tag("section", classes="found") as self.found:
-                with tag("div", classes="found-head"):
-                    tag("h2", texts["results"])
-                    self.summary = tag("span", aria_live="polite")
-                    self.detail = tag("small")
-                    self.waiting = tag("div", classes="progress empty")
-                    self.extras = tag("div")
-                self.note = tag("div", texts["opening"], "found-note")
-                self.results = made(Results, matches=[], chosen=0, texts=texts)
-                self.results.on("choose", lambda e: self.open_match(int(e.args["rank"])))
+            self.found = Found(self.shell, self.open_match)
 
     async def begin(self, strange: Sequence[str]) -> None:
-        """Show what the address asks for."""
+        """Show what the address asks for, unless the visitor has asked for something meanwhile."""
+        newest, wanted = self.turns.take("recording"), self.asking
         records, damaged = await to_thread(self.holdings.records)
         told = []
         if strange:
             told.append(self.shell.text("left_out", what=", ".join(strange)))
         told += list(damaged.values())[:2]
-        danced = [record for record in records if "motion" in record.stages]
-        self.say(self.note, self.shell.texts["before_search"])
-        if not danced:
+        danced = [record.take for record in records if "motion" in record.stages]
+        self.found.say(self.shell.texts["before_search"])
+        motion = await to_thread(self.find_motion, wanted.take) if wanted.take else None
+        if not danced and motion is None:
             self.shell.tell(" ".join([self.shell.texts["empty_archive"], *told]))
             return
-        names = {record.take for record in danced}
-        if self.asking.take and self.asking.take not in names:
-            told.append(self.shell.text("unknown_take", take=self.asking.take))
-            self.asking = replace(self.asking, start=None, end=None, searched=False)
-        self.shell.tell(" ".join(told))
-        wanted = self.asking
-        first = self.asking.take if self.asking.take in names else danced[0].take
-        motion = await to_thread(self.holdings.motion, first)
-        if self.motion is not None:  # the visitor was faster, and has chosen one
+        if wanted.take and motion is None:
+            told.append(self.shell.text("unknown_take", take=wanted.take))
+            wanted = replace(wanted, start=None, end=None, searched=False)
+        if motion is None:
+            motion = await to_thread(self.holdings.motion, danced[0])
+        if not newest():
             return
-        await self.show_motion(motion)
+        self.shell.tell(" ".join(told))
+        self.show_motion(motion, (wanted.start, wanted.end))
         if wanted.searched:
             await self.search(rank=wanted.match)
 
+    def find_motion(self, take: str) -> Motion | None:
+        """Return the motion of a take, also of one newer than the listing; None if there is none.
+
+        Raises
+        ------
+        ArchiveError
+            If it is damaged.
+        """
+        try:
+            motion = self.holdings.motion(take)
+        except UnknownNameError:
+            return None
+        return None if motion.position is None else motion
+
     async def filter(self, words: str) -> None:
         """Give the chooser the recordings in which the words are."""
+        newest = self.turns.take("filter")
         with self.shell.telling():
             if not words:  # the list was opened
                 await to_thread(self.holdings.records)
             records = await to_thread(self.holdings.records_at_hand)
+            if not newest():
+                return
             found = [r for r in matching(records, words) if "motion" in r.stages]
             options = [
                 {
@@ -164,25 +168,28 @@ class SearchPage:
 
     async def choose(self, take: str) -> None:
         """Show another recording."""
+        newest = self.turns.take("recording")
         with self.shell.telling():
             motion = await to_thread(self.holdings.motion, take)
-            self.shell.tell("")
-            self.asking = replace(self.asking, start=None, end=None)
-            await self.show_motion(motion)
+            if newest():
+                self.shell.tell("")
+                self.show_motion(motion)
 
-    async def choose_file(self, key: str) -> None:
+    def choose_file(self, key: str) -> None:
         """Show a file that was dropped on the page, and search with the whole of it."""
+        self.turns.take("recording")
         with self.shell.telling():
             motion = self.holdings.motion(key, FILE)
             self.shell.tell("")
-            self.asking = replace(self.asking, start=None, end=None)
-            await self.show_motion(motion)
+            self.show_motion(motion)
 
-    async def show_motion(self, motion: Motion) -> None:
+    def show_motion(
+        self, motion: Motion, clip: tuple[int | None, int | None] = (None, None)
+    ) -> None:
         """Show a motion, with the clip that is asked for or a first one."""
         self.motion = motion
         last = motion.frames - 1
-        start, end = self.asking.start, self.asking.end
+        start, end = clip
         if start is None or end is None:
             long = round(FIRST_CLIP_S * motion.rate_hz)
             start = 0 if motion.version == FILE else max(0, (last - long) // 2)
@@ -218,12 +225,13 @@ class SearchPage:
 
     def show_query(self) -> None:
         """Let the stage dance the clip alone."""
+        self.turns.take("stage")
         motion, start, end = self.motion, self.asking.start, self.asking.end
         assert motion is not None
         assert start is not None
         assert end is not None
         seconds = f"{(end - start) / motion.rate_hz:.1f}"
-        self.say(self.length, self.shell.text("clip_of", seconds=seconds))
+        say(self.length, self.shell.text("clip_of", seconds=seconds))
         self.show(
             {"query": shown_motion(motion, start, end), "match": None, "strong": self.strong()}
         )
@@ -247,83 +255,73 @@ class SearchPage:
         if parts_changed and self.motion is not None:
             self.show_query()
         self.write_address()
+        self.tell_outdated()
+
+    def tell_outdated(self) -> None:
+        """Say where what is listed is of another query than that which is asked now."""
         same = replace(self.asked, searched=False, match=1) == self.asking
-        if self.matches and not same:
-            self.found.classes("outdated")
-            self.say(self.note, self.shell.texts["outdated"])
-        elif self.matches:
-            self.found.classes(remove="outdated")
-            self.say(self.note, "")
+        if self.matches or (self.asked.searched and not same):
+            self.found.mark(outdated=not same)
 
     async def search(self, _event: Any = None, *, rank: int = 1) -> None:
-        """Search the archive, and open the best match."""
+        """Search the archive, and open the best match if the query is still the same."""
         if self.busy or self.motion is None:
             return
         self.busy = True
         asking, motion = self.asking, self.motion
         try:
             self.shell.tell("")
-            records, _ = await to_thread(self.holdings.records)
+            records = await to_thread(self.holdings.records_at_hand)
             self.press.props("disabled")
-            self.waiting.classes(remove="empty")
-            self.say(self.summary, self.shell.text("searching", count=f"{len(records):,}"))
-            self.say(self.detail, "")
-            self.say(self.note, "")
+            self.found.wait(len(records))
             clip = (asking.start or 0, asking.end or 0)
             answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
-            self.asked = self.asking = replace(asking, searched=True, match=rank)
-            await self.list_matches(answer)
+            rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
+            self.asked = replace(asking, searched=True, match=rank)
+            self.matches = answer.matches
+            self.found.list(answer, rows, f"/report?{self.asked.report_address()}")
+            if self.asking == asking:
+                self.asking = self.asked
+                await self.open_best(rank)
+                if not self.matches and asking.threshold is not None:
+                    await self.offer_nearest(asking, motion, clip)
+            else:  # something else is asked by now; it stays as it is
+                self.tell_outdated()
         except Exception as error:
-            self.say(self.summary, "")
+            self.found.give_up()
             self.shell.tell_fault(error)
         finally:
             self.busy = False
-            self.waiting.classes("empty")
+            self.found.waiting.classes("empty")
             self.press.props(remove="disabled")
 
-    async def list_matches(self, answer: Answer) -> None:
-        """List what was found, and open one."""
-        rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
-        self.matches = answer.matches
-        self.found.classes(remove="outdated")
-        seconds = f"{answer.seconds:.1f}"
-        takes = len({match.take for match in answer.matches})
-        self.say(
-            self.summary,
-            self.shell.text("summary", matches=len(rows), takes=takes, seconds=seconds)
-            if len(rows) != 1
-            else self.shell.text("summary_one", seconds=seconds),
-        )
-        self.say(
-            self.detail,
-            self.shell.text(
-                "searched", takes=f"{answer.searched_takes:,}", frames=f"{answer.searched_frames:,}"
-            ),
-        )
-        self.extras.clear()
-        with self.extras:
-            if rows:
-                address = f"/report?{self.asked.report_address()}"
-                tag(
-                    "a", self.shell.texts["report"], href=address, download="",
-                    title=self.shell.texts["report_title"], data_link="report",
-                )  # fmt: skip
-            if answer.skipped:
-                with tag("details"):
-                    tag("summary", self.shell.text("skipped", count=len(answer.skipped)))
-                    for take, why in list(answer.skipped.items())[:50]:
-                        tag("div", f"{take}: {why}", "soft")
-        give(self.results, matches=rows, chosen=0)
-        self.say(self.note, "" if rows else self.advice())
-        if rows:
-            await self.open_match(min(self.asking.match, len(rows)))
+    async def offer_nearest(self, asking: Asking, motion: Motion, clip: tuple[int, int]) -> None:
+        """Offer the threshold from which on there is a match, where a search found none."""
+        wider = replace(asking.settings(), threshold=None, top=1)
+        answer = await to_thread(find_others, self.holdings, motion, clip, wider)
+        if not answer.matches or self.asking != self.asked:
+            return
+        enough = math.ceil(answer.matches[0].distance / THRESHOLD_STEP) * THRESHOLD_STEP
+
+        async def loosen() -> None:
+            self.form.set_threshold(f"{enough:.4f}")
+            await self.search()
+
+        self.found.offer(self.shell.text("loosen", value=f"{enough:g}"), loosen)
+
+    async def open_best(self, rank: int) -> None:
+        """Open a match of a new answer, or dance the clip alone where there is none."""
+        if self.matches:
+            await self.open_match(min(rank, len(self.matches)))
         else:
+            self.found.say(self.advice())
             self.show_query()
         self.write_address()
 
     def advice(self) -> str:
         """Return what to loosen where nothing was found."""
         names = ["advice_threshold"] if self.asking.threshold is not None else []
+        names += ["advice_path"] if self.asking.path_weight else []
         names += ["advice_part"] if set(PARTS[self.asking.part]) == set(JOINTS) else []
         names += ["advice_shorter", "advice_more"]
         said = self.shell.texts["and"].join(self.shell.texts[name] for name in names)
@@ -333,17 +331,19 @@ class SearchPage:
         """Show one match with the query that found it."""
         if not 1 <= rank <= len(self.matches) or self.motion is None:
             return
+        newest, asked = self.turns.take("stage"), self.asked
         with self.shell.telling():
-            asked = self.asked
             motion = (
                 self.holdings.motion(asked.file, FILE)
                 if asked.file
                 else await to_thread(self.holdings.motion, asked.take)
             )
             clip = (asked.start or 0, asked.end or 0)
-            give(self.results, chosen=rank)
+            give(self.found.results, chosen=rank)
             match = self.matches[rank - 1]
             score = await to_thread(pair, self.holdings, motion, clip, match, asked.settings())
+            if not newest():
+                return
             self.show(score)
             self.asking = replace(self.asking, match=rank, searched=True)
             self.write_address()
@@ -362,9 +362,3 @@ class SearchPage:
     def write_address(self) -> None:
         """Write what is asked into the address, so that it can be shared."""
         ui.run_javascript(f"window.shosa?.setAddress({json.dumps(self.asking.address())})")
-
-    def say(self, element: ui.element, text: str) -> None:
-        """Give an element a text; without one it takes no room."""
-        element._text = text
-        element.classes(remove="empty") if text else element.classes("empty")
-        element.update()

@@ -1,13 +1,17 @@
 """The parts of a page that are drawn by JavaScript, and plain HTML controls."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import nicegui
 from nicegui import ui
 
-_OURS = {"shosa": "static/shosa"}
+from tasks.rendering.views import SEGMENT_COLORS
+from viewer.pairing import BODY
+
+_STATIC = Path(__file__).parents[1] / "static"
+_OURS = {"shosa": str(_STATIC / "shosa")}
 _THREE = {
     **_OURS,
     "nicegui-scene": str(Path(nicegui.__file__).parent / "elements" / "scene" / "dist"),
@@ -18,31 +22,35 @@ FIRST_VALUE = "^value"
 """The property of an input that only says what it begins with: what is typed is never undone."""
 
 
-class Stage(ui.element, component="static/stage.js", esm=_THREE):
+class Stage(ui.element, component=_STATIC / "stage.js", esm=_THREE):
     """Query and match as they dance, with the controls of playing."""
 
 
-class Timeline(ui.element, component="static/timeline.js", esm=_OURS):
+class Timeline(ui.element, component=_STATIC / "timeline.js", esm=_OURS):
     """A take as a bar, with a clip to be dragged."""
 
 
-class Curves(ui.element, component="static/curves.js", esm=_OURS):
+class Curves(ui.element, component=_STATIC / "curves.js", esm=_OURS):
     """A joint over time, and why a match is near."""
 
 
-class Results(ui.element, component="static/results.js", esm=_OURS):
+class Results(ui.element, component=_STATIC / "results.js", esm=_OURS):
     """The matches of a search."""
 
 
-class Chooser(ui.element, component="static/chooser.js", esm=_OURS):
+class Chooser(ui.element, component=_STATIC / "chooser.js", esm=_OURS):
     """A recording chosen from a list that is filtered here."""
 
 
-class Takes(ui.element, component="static/takes.js"):
+class Takes(ui.element, component=_STATIC / "takes.js"):
     """The recordings of an archive."""
 
 
-class BodyEditor(ui.element, component="static/body.js", esm=_OURS):
+class Films(ui.element, component=_STATIC / "films.js", esm=_OURS):
+    """The films of a capture, in step with the stage."""
+
+
+class BodyEditor(ui.element, component=_STATIC / "body.js", esm=_OURS):
     """The joints and boundaries of a body model, to be dragged."""
 
 
@@ -58,6 +66,14 @@ def made(kind: type[ui.element], **values: Any) -> ui.element:
     element = kind()
     give(element, **values)
     return element
+
+
+def make_stage(texts: Mapping[str, str], show: Mapping[str, Any]) -> ui.element:
+    """Return a stage on which nobody dances yet; `show` is how it is arranged at first."""
+    return made(
+        Stage, score=None, body=BODY, texts=dict(texts), show=dict(show),
+        segments=SEGMENT_COLORS.tolist(),
+    )  # fmt: skip
 
 
 def tag(name: str, text: str = "", classes: str = "", **attributes: Any) -> ui.element:
@@ -89,7 +105,8 @@ def button(
 
 def field(kind: str, value: Any, on_change: Callable[[str], Any], **attributes: Any) -> ui.element:
     """Return an input that calls `on_change` with its text when it was changed."""
-    element = tag("input", type=kind, **{FIRST_VALUE: value}, **attributes)
+    # the value last: a slider rounds it to the steps that it knows of by then
+    element = tag("input", type=kind, **attributes, **{FIRST_VALUE: value})
     element.on(
         "change", lambda event: on_change(str(event.args)), js_handler="(e) => emit(e.target.value)"
     )

@@ -11,10 +11,10 @@ from storage.errors import InputError
 from storage.schema import SEGMENTS
 from tasks.rendering.views import SEGMENT_COLORS
 from viewer.body_model import BOUNDARIES, Start, capture_folder, start_of
-from viewer.components import BodyEditor, made, tag
 from viewer.holdings import Holdings
+from viewer.pages.components import BodyEditor, made, tag
+from viewer.pages.shell import Shell, Site, begin_page
 from viewer.pairing import BODY, shown_motion
-from viewer.shell import Shell, Site, begin_page
 
 
 async def body_page(site: Site, request: Request) -> None:
@@ -64,6 +64,7 @@ def _show(
         ],
         "source": start.source,
         "digest": start.digest,
+        "labeled": start.labeled,
         "boundaries": list(BOUNDARIES),
         "segments": list(SEGMENTS),
         "colors": SEGMENT_COLORS.tolist(),

@@ -1,0 +1,1 @@
+"""The addresses from which pages, and other programs, get frames, pictures and files."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from flows.command import printing
+from flows.command.calibrating import add_calibrate_options, calibrate
 from flows.command.options import (
     UsageError,
     add_import_options,
@@ -207,6 +208,8 @@ def _add_upkeep(commands: Any) -> None:
     collect.add_argument(
         "--lost", action="store_true", help="also what was published and has lost its record"
     )
+    text = "calibrate cameras from films or pictures of a board; writes calibration.toml"
+    add_calibrate_options(_command(commands, "calibrate", _calibrate, text))
     doctor = _command(commands, "doctor", _doctor, "say what is wrong with an installation")
     doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
     doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
@@ -377,6 +380,11 @@ def _collect_garbage(options: argparse.Namespace) -> int:
     size = sum(file.size for file in removed)
     printing.say(f"removed {len(removed)} files, {size / 1e6:.1f} MB")
     return DONE
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    with bars(quiet=options.quiet):
+        return DONE if calibrate(options) else BAD_INPUT
 
 
 def _doctor(options: argparse.Namespace) -> int:

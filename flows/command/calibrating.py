@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from flows.command.options import UsageError
 from storage.errors import InputError
 
 if TYPE_CHECKING:
-    from tasks.calibration.calibrating import Calibrated
+    from tasks.calibration.solving import Calibrated
 
 _LARGEST_M = 10.0
 """The largest square of a board [m]."""
@@ -52,7 +53,8 @@ def calibrate(options: argparse.Namespace) -> bool:
     size, floor = _size(options.board), _floor(options.floor_frame)
     if options.square_m is not None and not 0 < options.square_m <= _LARGEST_M:
         raise UsageError(
-            f"--square-m {options.square_m:g} should be metres, such as 0.03, and {_LARGEST_M:g} at most"
+            f"--square-m {options.square_m:g} should be metres, such as 0.03, and {_LARGEST_M:g} "
+            "at most"
         )
     from tasks.calibration.calibrating import (
         CALIBRATION,
@@ -60,6 +62,7 @@ def calibrate(options: argparse.Namespace) -> bool:
         look_for_board,
         write_results,
     )
+    from tasks.engine.progress import listening
 
     folder = Path(options.folder)
     if (folder / CALIBRATION).exists() and not options.force:
@@ -69,20 +72,27 @@ def calibrate(options: argparse.Namespace) -> bool:
     if options.square_m is None:
         found = look_for_board(folder, charuco=options.charuco, size=size)
         raise UsageError(
-            f"the board is a {found.said}; how large are its squares? Measure ten of them, and give "
-            "the side of one in metres, such as --square-m 0.03"
+            f"the board is a {found.said}; how large are its squares? Measure ten of them, and "
+            "give the side of one in metres, such as --square-m 0.03"
         )
-    found = calibrate_folder(
-        folder, square_m=options.square_m, size=size, charuco=options.charuco, floor=floor
-    )
+    with listening(_tell if sys.stderr.isatty() and not options.quiet else lambda _share: None):
+        found = calibrate_folder(
+            folder, square_m=options.square_m, size=size, charuco=options.charuco, floor=floor
+        )
     write_results(folder, found)
     for line in _lines(folder, found):
         printing.print_line(line)
     return not found.faults
 
 
+def _tell(share: float) -> None:
+    """Show on a terminal how much is done, in a line that the next one replaces."""
+    sys.stderr.write(f"\r{share:4.0%} of the calibration \r")
+    sys.stderr.flush()
+
+
 def _lines(folder: Path, found: "Calibrated") -> list[str]:
-    """Return what came of a folder as lines: a table of the cameras, notes, faults or where it is."""
+    """Return what came of a folder: a table of the cameras, notes, faults, where it is."""
     lines = [f"{found.board.said}, squares of {1000 * found.board.square_m:g} mm"]
     if found.results:
         lines.append(

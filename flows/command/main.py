@@ -383,8 +383,7 @@ def _collect_garbage(options: argparse.Namespace) -> int:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    with bars(quiet=options.quiet):
-        return DONE if calibrate(options) else BAD_INPUT
+    return DONE if calibrate(options) else BAD_INPUT
 
 
 def _doctor(options: argparse.Namespace) -> int:

@@ -1,8 +1,9 @@
 """Lenses, cameras and boards adjusted together, until corners are where they were seen.
 
-Bundle adjustment: the sum of squared distances in pixels, in units of the noise and with a loss that
-grows as the distance where a corner is far off, over lenses, poses of cameras and poses of boards.
-Weak priors stand for what every lens is like, so that what the pictures do not tell stays usual.
+Bundle adjustment: the sum of squared distances in pixels, in units of the noise and with a loss
+that grows as the distance where a corner is far off, over lenses, poses of cameras and poses of
+boards. Weak priors stand for what every lens is like, so that what the pictures do not tell stays
+usual.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +21,8 @@ from tasks.calibration.rigs import LENS_NUMBERS, Rig, View, matrix_of, pose_of, 
 NOISE_PX = 0.2
 """How far corners are usually off [px]. Measured on drawn boards: 0.05 to 0.15; films have more."""
 _FAR = 3.0
-"""From how many times the noise on a corner counts by its distance, and not by its square. Usual."""
+"""From how many times the noise on a corner counts by its distance, and not by its square.
+Usual."""
 _PRIOR_ASPECT = 0.02
 """How much the focal lengths of a lens differ, as a share. Chosen: pixels are square or as the file
 says, so that this only holds what nothing else does."""
@@ -92,7 +94,7 @@ def adjust_rig(
     aspects
         How many times as wide as high each camera's pixels are shown; 1 if not given.
     """
-    layout = _lay_out(rig, views, still, lenses_stay)
+    layout = _lay_out(rig, views, still, lenses_stay=lenses_stay)
     start = _numbers_of(rig, layout)
     prior = _Prior(rig.lenses, sizes, aspects or [1.0] * len(sizes), layout)
     points = board.points_m
@@ -117,8 +119,8 @@ def _minimize(
     """Return the numbers whose errors are least (Levenberg and Marquardt).
 
     The normal equations of some hundred numbers are solved as they are: scipy's `least_squares`
-    with sparse slopes solves them by LSMR, which on eight cameras and forty boards stood still after
-    forty steps, half a percent of the focal length away, where this is there after eight.
+    with sparse slopes solves them by LSMR, which on eight cameras and forty boards stood still
+    after forty steps, half a percent of the focal length away, where this is there after eight.
     """
     damping = _FIRST_DAMPING
     rig = rig_of(numbers)
@@ -151,7 +153,7 @@ def _cost(errors: NDArray[np.float64]) -> float:
     return float((2 * _FAR**2 * (np.sqrt(1 + (errors / _FAR) ** 2) - 1)).sum())
 
 
-def _lay_out(rig: Rig, views: Sequence[View], still: int, lenses_stay: bool) -> _Layout:
+def _lay_out(rig: Rig, views: Sequence[View], still: int, *, lenses_stay: bool) -> _Layout:
     """Return which numbers are adjusted: lenses, then cameras, then boards."""
     count = len(rig.lenses)
     lens = np.full(count, -1) if lenses_stay else np.arange(count) * LENS_NUMBERS

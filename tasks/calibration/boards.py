@@ -1,8 +1,8 @@
 """Boards that cameras are calibrated with, and their corners in a picture.
 
 A checkerboard has to be whole in the picture; a ChArUco board, whose white squares hold numbered
-markers, does not. Corners are those between four squares, counted by row; a board of 9x6 has nine of
-them side by side, and ten squares.
+markers, does not. Corners are those between four squares, counted by row; a board of 9x6 has nine
+of them side by side, and ten squares.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,15 @@ FEWEST_CORNERS = 6
 """How many corners of a ChArUco board make a view [corners]. Four fix a plane; two more show that
 one of them is wrong."""
 _LONGEST_SIDE_PX = 1000
-"""Pictures are searched at this size at most [px]. Chosen: squares of a usual board have 10 px there
-if they have 20 in a film of 1080p, and the search takes a fourth of the time."""
+"""Pictures are searched at this size at most [px]. Chosen: squares of a usual board have 10 px
+there if they have 20 in a film of 1080p, and the search takes a fourth of the time."""
 _ENLARGED_PX = 700
 """Pictures smaller than this are searched enlarged, too [px]. Chosen: below it squares of 8 px are
-usual, in which the detector finds nothing; on rig `bini` it finds two boards of four so, else one."""
+usual, in which the detector finds nothing; on rig `bini` it finds two boards of four so, else
+one."""
 _WINDOW = 0.4
-"""Share of the distance of two corners in which one is looked for more exactly. Less than a half, so
-that no neighbor is in it."""
+"""Share of the distance of two corners in which one is looked for more exactly. Less than a half,
+so that no neighbor is in it."""
 _LARGEST_WINDOW_PX = 11
 _SEARCH = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 _EXACT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)

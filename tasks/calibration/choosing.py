@@ -1,4 +1,4 @@
-"""Which of many views of a board a calibration is made of: spread over pictures, tilted, still, tied.
+"""Which of many views a calibration is made of: spread, tilted, still, tying cameras.
 
 Views a second apart say the same; sixty that differ say all and are adjusted in a few seconds.
 """

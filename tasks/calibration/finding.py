@@ -18,7 +18,8 @@ from tasks.calibration.rigs import View
 from tasks.engine.threads import side_by_side
 
 _MOST_SAMPLES = 240
-"""How many frames of a film are looked at [frames]. Chosen: two a second of a film of two minutes."""
+"""How many frames of a film are looked at [frames]. Chosen: two a second of a film of two
+minutes."""
 _SHORTEST_STEP_S = 0.2
 """Time between two of them, at least [s]. In less a board that is moved by hand hardly changes."""
 _FEW = 15
@@ -150,8 +151,9 @@ def _look(
     if len(sizes) > 1:
         (one, first), (other, second), *_ = sizes.items()
         fault = (
-            f"camera {footage.name!r} has pictures of different sizes: {first} is {one[0]}x{one[1]}, "
-            f"{second} is {other[0]}x{other[1]}; bring those of one size, as the camera films"
+            f"camera {footage.name!r} has pictures of different sizes: {first} is "
+            f"{one[0]}x{one[1]}, {second} is {other[0]}x{other[1]}; bring those of one size, as "
+            "the camera films"
         )
     elif len(views) < _FEW and not board.dictionary:
         for moment, picture in missed:
@@ -225,7 +227,8 @@ def _floor_moment(footage: Sequence[BoardFootage], name: str, frame: str) -> str
     camera = next((each for each in footage if each.name == name), None)
     if camera is None:
         raise UnknownNameError(
-            f"--floor-frame names a camera {name!r}, and there are {listed([e.name for e in footage])}"
+            f"--floor-frame names a camera {name!r}, and there are "
+            f"{listed([e.name for e in footage])}"
         )
     if camera.video is None:
         if frame not in camera.pictures:
@@ -236,8 +239,8 @@ def _floor_moment(footage: Sequence[BoardFootage], name: str, frame: str) -> str
         return frame
     if not frame.isdecimal() or int(frame) >= camera.video.frames:
         raise UnknownNameError(
-            f"--floor-frame names a frame {frame!r} of camera {name!r}, whose film has the frames 0 "
-            f"to {camera.video.frames - 1}"
+            f"--floor-frame names a frame {frame!r} of camera {name!r}, whose film has the frames "
+            f"0 to {camera.video.frames - 1}"
         )
     return camera.offset_s + int(frame) / _rate(camera.video)
 

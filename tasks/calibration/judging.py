@@ -23,7 +23,8 @@ FEWEST_VIEWS = 3
 """How many views a camera needs whose lens is to be found [views]. Two fix a focal length where
 nothing is wrong."""
 _GOOD_VIEWS = 10
-"""How many views a camera should have [views]. Usual advice; more changed little on drawn boards."""
+"""How many views a camera should have [views]. Usual advice; more changed little on drawn
+boards."""
 _GOOD_COVER = 0.6
 """Share of a picture in which corners should have been. Chosen: what is outside is guessed."""
 _GOOD_FOCAL, _BAD_FOCAL = 0.01, 0.1
@@ -65,8 +66,8 @@ def why_unseen(
     grids = [grid for picture in pictures if (grid := _largest_grid(picture)) is not None]
     if not grids or board.dictionary:
         return (
-            f"{head}: film it nearer, whole and in focus, with even light and a white margin as wide "
-            "as a square"
+            f"{head}: film it nearer, whole and in focus, with even light and a white margin as "
+            "wide as a square"
         )
     (rows, columns), side = max(grids, key=lambda grid: grid[0][0] * grid[0][1])
     if side < SMALLEST_PX:
@@ -75,8 +76,8 @@ def why_unseen(
             f"{SMALLEST_PX:.0f} are needed; hold it nearer, or take a board with larger squares"
         )
     return (
-        f"{head}: it is never whole, at most {columns}x{rows} corners are seen; film all of it with a "
-        "white margin as wide as a square, take a ChArUco board, or correct --board"
+        f"{head}: it is never whole, at most {columns}x{rows} corners are seen; film all of it "
+        "with a white margin as wide as a square, take a ChArUco board, or correct --board"
     )
 
 
@@ -87,8 +88,8 @@ def wrong_size(board: Board, sizes: Sequence[tuple[int, int]]) -> str:
     if (board.columns, board.rows) in ((seen[0] + 1, seen[1] + 1), (seen[1] + 1, seen[0] + 1)):
         hint = " (corners between squares are counted, not squares)"
     return (
-        f"the board in the pictures has {seen[0]}x{seen[1]} corners, and {board.columns}x{board.rows} "
-        f"were given{hint}: give --board {seen[0]}x{seen[1]}"
+        f"the board in the pictures has {seen[0]}x{seen[1]} corners, and "
+        f"{board.columns}x{board.rows} were given{hint}: give --board {seen[0]}x{seen[1]}"
     )
 
 
@@ -105,24 +106,24 @@ def tie_faults(
         verb = "are" if len(group) > 1 else "is"
         if not crossing:
             faults.append(
-                f"{who} {verb} not tied to {others}: no moment shows the board in both; hold it where "
-                "cameras of both see it"
+                f"{who} {verb} not tied to {others}: no moment shows the board in both; hold it "
+                "where cameras of both see it"
             )
         elif any(tie.mirrored for tie in crossing):
             faults.append(
-                f"{who} and {others} fit each other only where the pictures of one are mirrored: film "
-                "without mirroring"
+                f"{who} and {others} fit each other only where the pictures of one are mirrored: "
+                "film without mirroring"
             )
         else:
             shared = sum(tie.moments for tie in crossing)
             faults.append(
-                f"{who} {verb} at odds with {others}: the {shared} moments that they share do not show "
-                "the board in one place; give offset_s in capture.toml, name pictures of one moment "
-                "alike, or look whether a camera was moved or its pictures mirrored"
+                f"{who} {verb} at odds with {others}: the {shared} moments that they share do not "
+                "show the board in one place; give offset_s in capture.toml, name pictures of one "
+                "moment alike, or look whether a camera was moved or its pictures mirrored"
             )
     faults += [
-        f"{names[tie.a]!r} and {names[tie.b]!r} share {_moments(tie.moments)}, from which it cannot be "
-        f"told on which side of the board they stand: hold it in other places and tilted"
+        f"{names[tie.a]!r} and {names[tie.b]!r} share {_moments(tie.moments)}, from which it "
+        "cannot be told on which side of the board they stand: hold it in other places and tilted"
         + (
             ", or take one whose corners are odd one way and even the other"
             if _turns(board)
@@ -151,13 +152,23 @@ def result_faults(
                 f"camera {name!r}: corners are {rms_px[n]:.1f} px off; hold the board still, look "
                 "whether all its squares are alike and whether the lens zoomed or a camera moved"
             )
+    return faults + bend_faults([adjusted], board)
+
+
+def bend_faults(adjusted: Sequence[Adjusted], board: Board) -> list[str]:
+    """Return that the board is bent, where most of some adjustments say so."""
     diagonal = float(np.linalg.norm(2 * board.middle_m))
-    if adjusted.bend_m > max(_BEND * diagonal, _SURE * adjusted.bend_error_m):
-        faults.append(
-            f"the board is bent: it stands out of its plane by about {1000 * adjusted.bend_m:.0f} mm; "
-            "fix it on a stiff, flat plate and film again"
-        )
-    return faults
+    bends = [
+        each.bend_m
+        for each in adjusted
+        if each.bend_m > max(_BEND * diagonal, _SURE * each.bend_error_m)
+    ]
+    if 2 * len(bends) <= len(adjusted):
+        return []
+    return [
+        "the board is bent: it stands out of its plane by about "
+        f"{1000 * float(np.median(bends)):.0f} mm; fix it on a stiff, flat plate and film again"
+    ]
 
 
 _TILT = (
@@ -197,13 +208,13 @@ def advice(
         side = np.median([_side(view, board) for view in mine])
         if side < 1.5 * SMALLEST_PX:
             said.append(
-                f"Camera {name!r}: squares have {side:.0f} px; hold the board nearer, or take a larger "
-                "one."
+                f"Camera {name!r}: squares have {side:.0f} px; hold the board nearer, or take a "
+                "larger one."
             )
         if rms_px[n] > _GOOD_RMS_PX * max(sizes[n][0] / 1000, 0.3):
             said.append(
-                f"Camera {name!r}: corners are {rms_px[n]:.2f} px off, more than a sharp, still board "
-                "gives: stop the board for a moment in each place, with a short exposure."
+                f"Camera {name!r}: corners are {rms_px[n]:.2f} px off, more than a sharp, still "
+                "board gives: stop the board for a moment in each place, with a short exposure."
             )
     return said + _tie_advice(views, names)
 
@@ -217,8 +228,8 @@ def _tie_advice(views: Sequence[View], names: Sequence[str]) -> list[str]:
         shared = sum(any(moment in other for other in others) for moment in moments[n])
         if others and shared < _FEW_TIES:
             said.append(
-                f"Camera {name!r} shares {_moments(shared)} with the others: hold the board where two "
-                "or more cameras see it."
+                f"Camera {name!r} shares {_moments(shared)} with the others: hold the board where "
+                "two or more cameras see it."
             )
     return said
 
@@ -235,7 +246,7 @@ def _where(cells: NDArray[np.bool_]) -> str:
 
 
 def _largest_grid(picture: NDArray[np.uint8]) -> tuple[tuple[int, int], float] | None:
-    """Return the rows and columns of the largest grid of corners, and the least side of a square."""
+    """Return rows and columns of the largest grid of corners, and its least side of a square."""
     best: tuple[tuple[int, int], float] | None = None
     for scale in (1.0, 2.0):
         image = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)

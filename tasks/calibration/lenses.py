@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.calibration.adjustment import adjust_rig
+from tasks.calibration.adjustment import Adjusted, adjust_rig
 from tasks.calibration.boards import Board
 from tasks.calibration.rigs import LENS_NUMBERS, Rig, View, solve_poses, view_rms_px
 
@@ -24,8 +24,8 @@ _HELD |= cv2.CALIB_FIX_K3 | cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT
 
 def fit_lens(
     views: Sequence[View], board: Board, size: tuple[int, int], *, aspect: float = 1.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a camera's lens, and by how many pixels each view is off.
+) -> Adjusted:
+    """Return a camera with its lens as its own views say.
 
     Parameters
     ----------
@@ -37,34 +37,19 @@ def fit_lens(
         Width and height of the picture.
     aspect
         How many times as wide as high its pixels are shown.
-
-    Returns
-    -------
-    lens : (9,) float64
-        fx, fy, cx, cy, k1, k2, p1, p2, k3.
-    rms_px : (view,) float64
     """
     used = list(views)
-    rms = np.zeros(len(used))
     lens = _first_guess(used[:_FIRST_VIEWS], board, size, aspect)
-    for _ in range(2):
-        rig = _rig_of(used[:_MOST_VIEWS], lens, board)
+    while True:
         alone = [View(0, n, v.corners, v.pixel) for n, v in enumerate(used[:_MOST_VIEWS])]
-        adjusted = adjust_rig(rig, alone, board, [size], still=0, aspects=[aspect])
+        start = Rig(lens[None], np.eye(4)[None], _boards(alone, lens, board))
+        adjusted = adjust_rig(start, alone, board, [size], still=0, aspects=[aspect])
+        rms = view_rms_px(adjusted.rig, alone, board)
+        good = [n for n, off in enumerate(rms) if off < max(_MISFIT_PX, 3 * np.median(rms))]
+        if len(good) == len(alone):
+            return adjusted
         lens = adjusted.rig.lenses[0]
-        everything = _rig_of(views, lens, board)
-        rms = view_rms_px(
-            everything, [View(0, n, v.corners, v.pixel) for n, v in enumerate(views)], board
-        )
-        good = [
-            v
-            for v, off in zip(views, rms, strict=True)
-            if off < max(_MISFIT_PX, 3 * np.median(rms))
-        ]
-        if len(good) == len(used):
-            break
-        used = good
-    return lens, rms
+        used = [used[n] for n in good] + used[_MOST_VIEWS:]
 
 
 def _first_guess(
@@ -92,7 +77,8 @@ def _first_guess(
     return best
 
 
-def _rig_of(views: Sequence[View], lens: NDArray[np.float64], board: Board) -> Rig:
-    """Return one camera in the middle of its world, and the boards before it."""
-    poses = {n: solve_poses(view, lens, board, within=1.0)[0] for n, view in enumerate(views)}
-    return Rig(lens[None], np.eye(4)[None], poses)
+def _boards(
+    views: Sequence[View], lens: NDArray[np.float64], board: Board
+) -> dict[int, NDArray[np.float64]]:
+    """Return where the board of each view is before the camera."""
+    return {view.moment: solve_poses(view, lens, board, within=1.0)[0] for view in views}

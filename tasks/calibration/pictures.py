@@ -10,7 +10,7 @@ from tasks.calibration.choosing import covered_cells
 from tasks.calibration.rigs import View
 from tasks.rendering.drawing.canvas import INK, PAPER, RED, draw_text
 
-_SMALLEST_WIDTH_PX = 960
+_SMALLEST_WIDTH_PX = 720
 """Pictures narrower than this are enlarged [px]. Chosen by eye: words can be read."""
 _FAR_PX = 1.0
 """From which error a corner is drawn red [px]; green are those without. Chosen: usual are 0.2."""
@@ -57,8 +57,8 @@ def draw_coverage(
     column = (np.arange(columns) + 0.5) / columns * cells.shape[1]
     unseen = ~cells[row.astype(int)[:, None], column.astype(int)]
     hatched = (np.add.outer(np.arange(rows), np.arange(columns)) * scale // 8) % 4 == 0
-    image[unseen] = 0.8 * image[unseen] + 0.2 * np.array(_UNSEEN)
-    image[unseen & hatched] = 0.6 * image[unseen & hatched] + 0.4 * np.array(_UNSEEN)
+    image[unseen] = 0.88 * image[unseen] + 0.12 * np.array(_UNSEEN)
+    image[unseen & hatched] = 0.75 * image[unseen & hatched] + 0.25 * np.array(_UNSEEN)
     drawn = np.repeat(np.repeat(image.astype(np.uint8), scale, axis=0), scale, axis=1)
     for view in views:
         at = np.rint((view.pixel + 0.5) * scale).astype(int)

@@ -23,8 +23,8 @@ DICTIONARIES = (
 _FEWEST_MARKERS = 4
 """How many markers of a kind are believed [markers]. Fewer are seen in any pattern of squares."""
 _SAME = 3
-"""After how many pictures of one board no more are looked at [pictures]. Chosen: two agree by chance
-where a board is half outside, three hardly."""
+"""After how many pictures of one board no more are looked at [pictures]. Chosen: two agree by
+chance where a board is half outside, three hardly."""
 _MOST_SQUARES = 20
 _FITS = 0.12
 """How far the middle of a marker may be from where a board of so many squares has it [squares].
@@ -144,34 +144,34 @@ def _charuco(
     best: tuple[float, Board] | None = None
     wanted = range(3, _MOST_SQUARES + 1) if size is None else [size[0] + 1]
     for squares, legacy in product(wanted, (False, True)):
-        rows = _rows_for(last, squares, legacy) if size is None else size[1] + 1
+        rows = _rows_for(last, squares, legacy=legacy) if size is None else size[1] + 1
         if legacy and rows % 2:
             continue  # then the first square is dark in either way of drawing
-        fits = [_fit(markers, squares, rows, legacy) for markers in richest]
+        fits = [_fit(markers, squares, rows, legacy=legacy) for markers in richest]
         off, share = (float(np.median(each)) for each in zip(*fits, strict=True))
         if (best is None or off < best[0]) and 0 < share < 1:
             best = off, Board(squares - 1, rows - 1, square_m, name, share, legacy)
     return best[1] if best is not None and best[0] < _FITS else None
 
 
-def _places(squares: int, rows: int, legacy: bool) -> NDArray[np.float64]:
+def _places(squares: int, rows: int, *, legacy: bool) -> NDArray[np.float64]:
     """Return (marker, 2) the middles of the white squares in the order of their markers."""
     row, column = np.divmod(np.arange(rows * squares), squares)
     white = (row + column) % 2 == (0 if legacy else 1)
     return np.column_stack([column, row])[white] + 0.5
 
 
-def _rows_for(last: int, squares: int, legacy: bool) -> int:
+def _rows_for(last: int, squares: int, *, legacy: bool) -> int:
     """Return how many rows of squares a board has whose last marker is this."""
     rows = 1
-    while len(_places(squares, rows, legacy)) <= last:
+    while len(_places(squares, rows, legacy=legacy)) <= last:
         rows += 1
     return rows
 
 
-def _fit(markers: _Markers, squares: int, rows: int, legacy: bool) -> tuple[float, float]:
+def _fit(markers: _Markers, squares: int, rows: int, *, legacy: bool) -> tuple[float, float]:
     """Return how far markers are from their places on a board, and their size, in squares."""
-    known = _places(squares, rows, legacy)
+    known = _places(squares, rows, legacy=legacy)
     inside = markers.numbers < len(known)
     places, seen = known[markers.numbers[inside]], markers.outline[inside]
     if len(places) < _FEWEST_MARKERS:

@@ -67,7 +67,7 @@ def vector_of(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def residuals(rig: Rig, views: Sequence[View], board: Board) -> list[NDArray[np.float64]]:
-    """Return (corner, 2) by how many pixels each view is off what the rig says, a view at a time."""
+    """Return (corner, 2) how many pixels the rig puts corners beside each view, view by view."""
     points = board.points_m
     off = []
     for view in views:

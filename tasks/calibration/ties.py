@@ -10,23 +10,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tasks.calibration.boards import Board, turn_of
-from tasks.calibration.rigs import Rig, View, solve_poses
+from tasks.calibration.rigs import Rig, View, matrix_of, solve_poses
 
 _TILTS = 6.0
 """How many times the error of the likeliest tilt another may have. Chosen: of boards of 60 px the
 other tilt has two to four times the error, and is the true one now and then."""
 _FITS = 0.008
-"""By how much the corners of a pair may be off, as a share of the width of the picture. Chosen: five
-pixels of 640; lenses fitted alone are off by one or two, a wrong tie by tens."""
+"""By how much the corners of a pair may be off, as a share of the width of the picture. Chosen:
+five pixels of 640; lenses fitted alone are off by one or two, a wrong tie by tens."""
 _MOST_MOMENTS = 12
-"""How many moments of a pair are looked at [moments]. Chosen: the right one is among what they give,
-and twelve that fit are no chance."""
+"""How many moments of a pair are looked at [moments]. Chosen: the right one is among what they
+give, and twelve that fit are no chance."""
 _APART = np.radians(10.0)
 """How much two placements of a camera differ that are no longer the same [rad]."""
 
@@ -185,9 +186,12 @@ def _flattened(view: View, lens: NDArray[np.float64], board: Board, *, mirror: b
     if mirror:
         pixel = view.pixel * [-1.0, 1.0] + [2 * lens[2], 0.0]
         row, column = np.divmod(view.corners, board.columns)
-        view = View(
-            view.camera, view.moment, row * board.columns + board.columns - 1 - column, pixel
-        )
+        # the mirror image that has its dark squares where the board has them
+        if board.columns % 2 == 0:
+            column = board.columns - 1 - column
+        else:
+            row = board.rows - 1 - row
+        view = View(view.camera, view.moment, row * board.columns + column, pixel)
     poses = solve_poses(view, lens, board, within=_TILTS)
     flat = np.full((len(board.turns()), board.corners, 2), np.nan)
     plain = _undistorted(view.pixel, lens)
@@ -197,10 +201,6 @@ def _flattened(view: View, lens: NDArray[np.float64], board: Board, *, mirror: b
 
 
 def _undistorted(pixel: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[np.float64]:
-    import cv2
-
-    from tasks.calibration.rigs import matrix_of
-
     return cv2.undistortPoints(pixel[:, None], matrix_of(lens), lens[4:])[:, 0]
 
 

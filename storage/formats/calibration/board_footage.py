@@ -10,8 +10,8 @@ one name, the camera's own name in it left out.
 
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,42 +67,28 @@ def find_board_footage(folder: Path) -> tuple[list[BoardFootage], list[str]]:
         raise InputError(f"{folder} is no folder; name one with {_WANTED}")
     faults: list[str] = []
     notes: list[str] = []
-    offsets = _offsets(folder / "capture.toml", faults)
     found: dict[str, list[BoardFootage]] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name in (FLOOR, COVERAGE):
             continue
-        name = unicodedata.normalize("NFC", path.name if path.is_dir() else path.stem)
-        if path.is_dir():
-            pictures = _pictures(path, name, faults)
-            if pictures:
-                found.setdefault(name, []).append(BoardFootage(name, pictures=pictures))
-            elif not faults:
-                notes.append(f"The folder {path.name!r} holds no pictures: passed over.")
-        elif path.suffix.lower() in VIDEO_SUFFIXES:
-            video = _opened(path, faults)
-            footage = BoardFootage(name, video, offset_s=offsets.get(name, 0.0))
-            found.setdefault(name, []).append(footage)
-    for name, several in found.items():
-        if len(several) > 1:
-            faults.append(f"camera {name!r} has several films or folders; keep one of them")
-    unknown = sorted(offsets.keys() - found.keys())
-    if unknown:
-        faults.append(f"{folder / 'capture.toml'} has an offset of {listed(unknown)}, of which there "
-                      "is no film; correct the name")  # fmt: skip
+        footage = _footage_of(path, faults, notes)
+        if footage is not None:
+            found.setdefault(footage.name, []).append(footage)
+    faults += [
+        f"camera {name!r} has several films or folders; keep one of them"
+        for name, several in found.items()
+        if len(several) > 1
+    ]
     if not found and not faults:
         faults.append(f"{folder} holds no film and no pictures; put there {_WANTED}")
+    offsets = _offsets(folder / "capture.toml", found, faults)
     floors = _floors(folder / FLOOR, found, faults)
     if faults:
         raise InputError("\n".join(faults))
-    cameras = [
-        BoardFootage(f.name, f.video, f.pictures, floors.get(f.name), f.offset_s)
-        for [f] in found.values()
-    ]
-    for camera in cameras:
-        if camera.video is not None:
-            notes += [f"Camera {camera.name!r}: {note}" for note in camera.video.notes]
-    return cameras, notes
+    return [
+        replace(each, floor=floors.get(each.name), offset_s=offsets.get(each.name, 0.0))
+        for [each] in found.values()
+    ], notes
 
 
 def read_frames_at(video: Video, frames: Sequence[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -118,6 +104,25 @@ def read_frames_at(video: Video, frames: Sequence[int]) -> Iterator[tuple[int, N
         for number, frame in enumerate(block, start):
             if number in wanted:
                 yield number, frame
+
+
+def _footage_of(path: Path, faults: list[str], notes: list[str]) -> BoardFootage | None:
+    """Return what a camera filmed, None where a path is of no camera or cannot be read."""
+    # a Mac, or a share from one, writes a letter and its mark as two codes
+    name = unicodedata.normalize("NFC", path.name if path.is_dir() else path.stem)
+    if path.is_dir():
+        pictures = _pictures(path, name, faults)
+        if pictures:
+            return BoardFootage(name, pictures=pictures)
+        notes.append(f"The folder {path.name!r} holds no pictures: passed over.")
+        return None
+    if path.suffix.lower() not in VIDEO_SUFFIXES:
+        return None
+    video = _opened(path, faults)
+    if video is None:
+        return None
+    notes += [f"Camera {name!r}: {note}" for note in video.notes]
+    return BoardFootage(name, video)
 
 
 def _pictures(folder: Path, camera: str, faults: list[str]) -> dict[str, Path]:
@@ -163,7 +168,7 @@ def _opened(path: Path, faults: list[str]) -> Video | None:
         return None
 
 
-def _offsets(path: Path, faults: list[str]) -> dict[str, float]:
+def _offsets(path: Path, known: Collection[str], faults: list[str]) -> dict[str, float]:
     """Return how late each film began, in seconds, as capture.toml says."""
     if not path.exists():
         return {}
@@ -176,4 +181,8 @@ def _offsets(path: Path, faults: list[str]) -> dict[str, float]:
     if not good:
         faults.append(f"{path}: offset_s should be seconds a camera, such as {{ cam3 = 0.1 }}")
         return {}
-    return {unicodedata.normalize("NFC", name): float(value) for name, value in offsets.items()}
+    named = {unicodedata.normalize("NFC", name): float(value) for name, value in offsets.items()}
+    unknown = sorted(named.keys() - set(known))
+    if unknown:
+        faults.append(f"{path} has an offset of {listed(unknown)}, of which there is no film")
+    return named

@@ -1,4 +1,4 @@
-"""The sub-commands that keep an archive and an installation in order."""
+"""The sub-commands that make and keep in order what shosa works with: cameras, archive, installation."""
 
 import argparse
 from datetime import timedelta
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flows.command import printing
+from flows.command.calibrating import add_calibrate_options, calibrate
 from flows.command.exits import BAD_INPUT, DONE, RUN_FAILED
 from flows.command.options import UsageError, check_hours
 from flows.command.preparing import prepare_prefect
@@ -31,6 +32,8 @@ def add_upkeep(commands: Any, make: Any) -> None:
     collect.add_argument(
         "--lost", action="store_true", help="also what was published and has lost its record"
     )
+    text = "calibrate cameras from films or pictures of a board; writes calibration.toml"
+    add_calibrate_options(make(commands, "calibrate", _calibrate, text))
     doctor = make(commands, "doctor", _doctor, "say what is wrong with an installation")
     doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
     doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
@@ -74,6 +77,10 @@ def _collect_garbage(options: argparse.Namespace) -> int:
     size = sum(file.size for file in removed)
     printing.say(f"removed {len(removed)} files, {size / 1e6:.1f} MB")
     return DONE
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    return DONE if calibrate(options) else BAD_INPUT
 
 
 def _doctor(options: argparse.Namespace) -> int:

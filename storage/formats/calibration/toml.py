@@ -62,7 +62,9 @@ def read_toml_calibration(path: Path, text: str) -> Calibration:
     return Calibration(cameras, unit_m, up, notes=notes if others else [])
 
 
-def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
+def write_calibration(
+    path: Path, cameras: Sequence[Camera], *, error_px: float | None = None
+) -> None:
     """Write cameras as our own TOML: beside its place, then renamed.
 
     Parameters
@@ -71,6 +73,8 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
         One that is there is replaced.
     cameras : sequence of Camera
         Metres, y up; no two with one name.
+    error_px : float, optional
+        The mean reprojection error, where they were adjusted to what was filmed.
 
     Raises
     ------
@@ -85,7 +89,9 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
             f"the cameras are called {listed(names) or 'nothing'}; give each a name of its own"
         )
     text = "\n".join(_table(camera) for camera in cameras)
-    text += '\n[metadata]\nadjusted = false\nerror = 0.0\nunit = "m"\nup = "y"\n'
+    adjusted = "false" if error_px is None else "true"
+    text += f"\n[metadata]\nadjusted = {adjusted}\nerror = {float(error_px or 0.0)}\n"
+    text += 'unit = "m"\nup = "y"\n'
     write_beside(Path(path), text.encode())
 
 

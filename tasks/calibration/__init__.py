@@ -1,0 +1,1 @@
+"""Cameras calibrated from films or pictures of a board."""

@@ -34,6 +34,7 @@ from tasks.motion.importing import (
     import_take,
     settings_for,
 )
+from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.indexing import find_index, index_take
 from tasks.settings import changed_settings, read_settings
 from tasks.takes.identity import why_anew
@@ -163,6 +164,7 @@ def ingest_archive(
         result = run if isinstance(run, Outcome) else run.result(raise_on_failure=False)
         outcomes.append(_tell(_outcome(recording, result), done, total))
         tell_done(done)
+    gather_when_many(opened.location)
     show_ingested(archive, [asdict(each) for each in outcomes])
     lost = [each for each in outcomes if each.reason]
     if not lost:

@@ -27,6 +27,10 @@ from storage.files import check_regular as refuse_pipes
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
 _DELETE_AT_ONCE = 1000  # what one request of S3 takes
+_PART_BYTES = 8 << 20
+"""How much of a large file is fetched by one request [bytes]. Chosen: many times what a request
+costs."""
+_PARTS_AT_ONCE = 8
 _NO_CREDENTIALS = r"169\.254\.169\.254|metadata\.google|credential|instance.metadata"
 """What an object store's client says where it was given no key [pattern]. It then asks the machine
 itself for one, at an address that only rented machines have."""
@@ -119,6 +123,27 @@ def read_range(place: Place, path: str, start: int, end: int) -> bytes:
         return bytes(obstore.get_range(place.store, path, start=start, end=end))
 
 
+def copy_file(place: Place, path: str, into: Path) -> None:
+    """Copy a file of an object store to this machine, many parts of it at a time.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    """
+    with told(f"copy {place.url(path)} to {into}"):
+        size = obstore.head(place.store, path)["size"]
+        starts = range(0, size, _PART_BYTES)
+        with into.open("wb") as file, ThreadPoolExecutor(_PARTS_AT_ONCE) as pool:
+
+            def fetch(start: int) -> None:
+                end = min(start + _PART_BYTES, size)
+                part = obstore.get_range(place.store, path, start=start, end=end)
+                os.pwrite(file.fileno(), part, start)
+
+            list(pool.map(fetch, starts))
+
+
 def check_regular(path: Path) -> Path:
     """Return the path of a file of an archive, which reading can not wait on for ever.
 
@@ -145,7 +170,7 @@ def check_regular(path: Path) -> Path:
     return path
 
 
-def write_file(place: Place, path: str, content: bytes) -> None:
+def write_file(place: Place, path: str, content: bytes | memoryview) -> None:
     """Write the file at `path`, whole or not at all, over what was there."""
     with told(f"write {place.url(path)}"):
         obstore.put(place.store, path, content)

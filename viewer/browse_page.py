@@ -12,7 +12,7 @@ from fastapi import Request
 from nicegui import ui
 
 from storage.errors import ArchiveError
-from storage.publication import Record
+from storage.index.entries import Entry
 from storage.schema import JOINTS
 from tasks.rendering.views import SEGMENT_COLORS
 from viewer.asking import search_address
@@ -107,7 +107,7 @@ class BrowsePage:
             return found[0].take if found else ""
         return ""
 
-    def rows(self, records: list[Record]) -> list[dict[str, Any]]:
+    def rows(self, records: list[Entry]) -> list[dict[str, Any]]:
         """Return the rows of the list."""
         return [
             {
@@ -123,7 +123,7 @@ class BrowsePage:
             for record in records
         ]
 
-    def strip(self, record: Record) -> str:
+    def strip(self, record: Entry) -> str:
         """Return the picture of some poses of a recording, nothing where it has none."""
         with contextlib.suppress(ArchiveError):
             return strip_of(self.holdings.packed(record), 0, record.frames - 1)
@@ -156,7 +156,7 @@ class BrowsePage:
         edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2)
         return [[int(first), int(end) - 1] for first, end in edges]
 
-    def show_about(self, record: Record, doubts: list[list[int]]) -> None:
+    def show_about(self, record: Entry, doubts: list[list[int]]) -> None:
         """Show what is known of a recording."""
         texts = self.shell.texts
         self.about.clear()
@@ -205,7 +205,7 @@ class BrowsePage:
                 else:
                     tag("small", texts["nothing_said"])
 
-    def show_links(self, record: Record) -> None:
+    def show_links(self, record: Entry) -> None:
         """Show where one goes from here."""
         texts, name = self.shell.texts, quote(record.take)
         with tag("div", classes="links"):

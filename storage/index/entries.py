@@ -1,0 +1,66 @@
+"""What a listing says of a take: its record without the table of its files.
+
+Many entries are kept as columns, in which what many takes share stands once.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from storage.records import Record
+
+_SHARED = ("joints_present", "stages", "notes", "settings")
+"""The fields that many takes have in common [names]."""
+
+
+class Entry(NamedTuple):
+    """A take as a listing shows it; each field is that of its `Record`, and not to be changed."""
+
+    take: str
+    version: str
+    number: int
+    source: dict[str, str]
+    metadata: dict[str, Any]
+    frames: int
+    rate_hz: float
+    joints_present: list[str]
+    stages: list[str]
+    notes: list[str]
+    settings: dict[str, Any]
+    published: str
+    bytes: int
+    """Of all files of the version."""
+
+
+def entry_of(record: Record) -> Entry:
+    """Return what a listing says of a take."""
+    *names, _ = Entry._fields
+    size = sum(file["bytes"] for file in record.files.values())
+    return Entry(*(getattr(record, name) for name in names), size)
+
+
+def entry_columns(entries: Sequence[Entry]) -> dict[str, Any]:
+    """Return entries as columns that JSON can hold."""
+    columns: dict[str, Any] = dict.fromkeys(Entry._fields, ())
+    columns |= dict(zip(Entry._fields, map(list, zip(*entries, strict=True)), strict=False))
+    for name in _SHARED:
+        columns[name] = _shared(columns[name])
+    return columns
+
+
+def entries_of(columns: Mapping[str, Any]) -> list[Entry]:
+    """Return the entries that `entry_columns` made columns of."""
+    unfolded = [
+        [columns[name]["of"][at] for at in columns[name]["at"]]
+        if name in _SHARED
+        else columns[name]
+        for name in Entry._fields
+    ]
+    return [Entry(*row) for row in zip(*unfolded, strict=True)]
+
+
+def _shared(values: Iterable[Any]) -> dict[str, list[Any]]:
+    """Return the values that differ, and which of them stands at each place."""
+    seen: dict[str, int] = {}
+    at = [seen.setdefault(json.dumps(value), len(seen)) for value in values]
+    return {"of": [json.loads(text) for text in seen], "at": at}

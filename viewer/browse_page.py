@@ -13,6 +13,7 @@ from nicegui import ui
 
 from storage.errors import ArchiveError
 from storage.index.entries import Entry
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.rendering.views import SEGMENT_COLORS
 from viewer.asking import search_address
@@ -156,7 +157,7 @@ class BrowsePage:
         edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2)
         return [[int(first), int(end) - 1] for first, end in edges]
 
-    def show_about(self, record: Entry, doubts: list[list[int]]) -> None:
+    def show_about(self, record: Record | Entry, doubts: list[list[int]]) -> None:
         """Show what is known of a recording."""
         texts = self.shell.texts
         self.about.clear()
@@ -205,7 +206,7 @@ class BrowsePage:
                 else:
                     tag("small", texts["nothing_said"])
 
-    def show_links(self, record: Entry) -> None:
+    def show_links(self, record: Record | Entry) -> None:
         """Show where one goes from here."""
         texts, name = self.shell.texts, quote(record.take)
         with tag("div", classes="links"):

@@ -7,7 +7,6 @@ Every other record is read, and its seal checked. So a listing is never older th
 and without an index it is only slower.
 """
 
-import itertools
 import os
 import time
 from collections.abc import Mapping
@@ -58,12 +57,13 @@ def list_takes(place: Place, before: Listing | None = None) -> Listing:
     """
     snapshot = open_snapshot(place)
     stamps, numbers = _stamps(place)
-    known = [zip(label.entries, label.stamps, strict=True) for label in snapshot.labels]
+    known = [(label.entries, label.stamps) for label in snapshot.labels]
     if before:
-        known.append((entry, before.stamps.get(entry.take)) for entry in before.entries)
+        known.append((before.entries, [before.stamps.get(e.take) for e in before.entries]))
     found: dict[str, Entry | str] = {
         entry.take: entry
-        for entry, stamp in itertools.chain.from_iterable(known)
+        for entries, stamps_then in known
+        for entry, stamp in zip(entries, stamps_then, strict=True)
         if stamp is not None and stamps.get(entry.take) == stamp
     }
 

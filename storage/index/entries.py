@@ -34,9 +34,8 @@ class Entry(NamedTuple):
 
 def entry_of(record: Record) -> Entry:
     """Return what a listing says of a take."""
-    *names, _ = Entry._fields
     size = sum(file["bytes"] for file in record.files.values())
-    return Entry(*(getattr(record, name) for name in names), size)
+    return Entry._make([*(getattr(record, name) for name in Entry._fields[:-1]), size])
 
 
 def entry_columns(entries: Sequence[Entry]) -> dict[str, Any]:
@@ -56,7 +55,7 @@ def entries_of(columns: Mapping[str, Any]) -> list[Entry]:
         else columns[name]
         for name in Entry._fields
     ]
-    return [Entry(*row) for row in zip(*unfolded, strict=True)]
+    return [Entry._make(row) for row in zip(*unfolded, strict=True)]
 
 
 def _shared(values: Iterable[Any]) -> dict[str, list[Any]]:

@@ -184,7 +184,7 @@ def write_segment(
     checks = np.array([_block_checks(rows, block) for block in range(blocks)], np.uint32)
     checks = checks.reshape(blocks, rows.shape[0])
     stored = Stored(f"{FOLDER}/{name}.{_ROWS}.npy", "<f4", rows.shape, checks)
-    write_file(place, stored.path, memoryview(file))
+    write_file(place, stored.path, file.data)
     kept = {}
     for each, array in summaries.items():
         values = np.ascontiguousarray(array)
@@ -225,7 +225,7 @@ def read_label(place: Place, path: str, sha256: str) -> Label:
     except FileNotFoundError:
         raise DamagedSegmentError(f"{place.url(path)} is missing; {_ADVICE}", path) from None
     except ArchiveError as error:  # a folder or a pipe
-        raise DamagedSegmentError(str(error), path) from error
+        raise DamagedSegmentError(f"{error}; {_ADVICE}", path) from error
     if digest_bytes(content) != sha256:
         raise DamagedSegmentError(f"{place.url(path)} has changed; {_ADVICE}", path)
     said = json.loads(content)

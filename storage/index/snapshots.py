@@ -77,10 +77,11 @@ def open_snapshot(place: Place) -> Snapshot:
     PlaceError
         If the disk or object store does not do what is asked.
     """
-    for left in reversed(range(_TRIES)):
-        found = _open_newest(place)
-        if not found.faults or not left or max(_numbers(place), default=0) == found.newest:
-            break  # nothing was collected meanwhile
+    found = _open_newest(place)
+    for _ in range(_TRIES):
+        if not found.faults or max(_numbers(place), default=0) == found.newest:
+            break
+        found = _open_newest(place)  # what was looked for was collected meanwhile
     return found
 
 
@@ -124,7 +125,11 @@ def publish_snapshot(
         "left": left,
     }
     said[_SEAL] = _seal(said)
-    return create_file(place, _path(number), json.dumps(said, indent=1).encode())
+    content = json.dumps(said, indent=1).encode()
+    # an object store may have written it though its answer was lost, and be asked again
+    return create_file(place, _path(number), content) or (
+        read_file(place, _path(number)) == content
+    )
 
 
 def verify_snapshot(place: Place) -> tuple[list[str], set[tuple[str, str]]]:
@@ -163,7 +168,7 @@ def collect_segments(
     now = datetime.now(UTC)
     kept: set[str] = set()
     known: set[str] = set()
-    for number, successor in zip(numbers, [*numbers[1:], None], strict=True):
+    for number, successor in zip(numbers, [*numbers[1:], None], strict=False):
         path = _path(number)
         is_kept = successor is None or now - files[_path(successor)].modified <= superseded_for
         try:
@@ -225,8 +230,8 @@ def _open_newest(place: Place) -> Snapshot:
 def _read_manifest(place: Place, number: int) -> tuple[str, dict[str, Any]]:
     """Return the digest of a manifest and what it says; an ArchiveError if it cannot be used."""
     path = _path(number)
-    content = read_file(place, path)
     try:
+        content = read_file(place, path)
         said = json.loads(content)
         seal = said.pop(_SEAL)
         if seal != _seal(said):

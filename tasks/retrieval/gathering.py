@@ -142,21 +142,21 @@ def gather_segments(location: str, *, anew: bool = False) -> list[str]:
         stay = [
             _refreshed(merge, merge.labels[number], snapshot.digests[number]) for number in kept
         ]
-        is_new = merge.written or merge.written_labels or len(stay) < len(snapshot.labels)
-        taken_up = {*merge.taken_up} & {*lying}
-        if not is_new and not taken_up and not snapshot.faults:
-            return merge.faults
-        left = [size for version, size in lying.items() if version not in taken_up]
-        is_first = publish_snapshot(
-            archive.place,
-            snapshot.newest + 1,
-            [*stay, *merge.written],
-            left=(len(left), sum(left)),
-        )
     except BaseException:
         with suppress(PlaceError):
             _discard(merge)
         raise
+    is_new = merge.written or merge.written_labels or len(stay) < len(snapshot.labels)
+    taken_up = {*merge.taken_up} & {*lying}
+    if not is_new and not taken_up and not snapshot.faults:
+        return merge.faults
+    left = [size for version, size in lying.items() if version not in taken_up]
+    is_first = publish_snapshot(  # where it fails, it may be there all the same: nothing is removed
+        archive.place,
+        snapshot.newest + 1,
+        [*stay, *merge.written],
+        left=(len(left), sum(left)),
+    )
     if not is_first:
         logger.info("another merge of the index of %s was faster", location)
         _discard(merge)

@@ -212,7 +212,7 @@ def search_segments(
     """
     takes = []
     for segment in segments:
-        for place in np.flatnonzero(segment.searched):
+        for place in np.flatnonzero(segment.searched).tolist():
             first = int(segment.first[place])
             last = first + int(segment.samples[place])
             if segment.check is not None:

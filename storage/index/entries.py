@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 
 from storage.records import Record
 
-_SHARED = ("joints_present", "stages", "notes", "settings")
+_SHARED = ("joints_present", "stages", "notes", "settings", "source")
 """The fields that many takes have in common [names]."""
+_OWN = ("name", "path", "digest")
+"""What each take has by itself of its source [names]."""
 
 
 class Entry(NamedTuple):
@@ -42,20 +44,29 @@ def entry_columns(entries: Sequence[Entry]) -> dict[str, Any]:
     """Return entries as columns that JSON can hold."""
     columns: dict[str, Any] = dict.fromkeys(Entry._fields, ())
     columns |= dict(zip(Entry._fields, map(list, zip(*entries, strict=True)), strict=False))
-    for name in _SHARED:
-        columns[name] = _shared(columns[name])
-    return columns
+    sources = columns["source"]
+    own = {name: [source[name] for source in sources] for name in _OWN}
+    columns["source"] = [{k: v for k, v in each.items() if k not in _OWN} for each in sources]
+    return {
+        **{name: _shared(at) if name in _SHARED else at for name, at in columns.items()},
+        "sources": own,
+    }
 
 
 def entries_of(columns: Mapping[str, Any]) -> list[Entry]:
     """Return the entries that `entry_columns` made columns of."""
-    unfolded = [
-        [columns[name]["of"][at] for at in columns[name]["at"]]
+    unfolded = {
+        name: [columns[name]["of"][at] for at in columns[name]["at"]]
         if name in _SHARED
         else columns[name]
         for name in Entry._fields
+    }
+    own = [columns["sources"][name] for name in _OWN]
+    unfolded["source"] = [
+        {**shared, "name": name, "path": path, "digest": digest}
+        for shared, name, path, digest in zip(unfolded["source"], *own, strict=True)
     ]
-    return [Entry._make(row) for row in zip(*unfolded, strict=True)]
+    return [Entry._make(row) for row in zip(*unfolded.values(), strict=True)]
 
 
 def _shared(values: Iterable[Any]) -> dict[str, list[Any]]:

@@ -28,25 +28,28 @@ import numpy as np
 from storage import create_archive, open_archive
 from storage.arrays.search import write_search_array
 from storage.index import snapshots
-from storage.index.snapshots import open_snapshot, verify_snapshot
+from storage.index.entries import entry_of
+from storage.index.segments import new_rows, write_segment
+from storage.index.snapshots import open_snapshot, publish_snapshot, verify_snapshot
 from storage.places import Place, create_file, write_file
 from storage.publication import Record
 from storage.records import record_content, record_path
 from storage.schema import JOINTS
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.answering import answer_query
-from tasks.retrieval.gathering import gather_segments, gather_when_many
-from tasks.retrieval.normalization import INDEX_RATE_HZ, pack_motion
+from tasks.retrieval.gathering import gather_segments, gather_when_many, summarize
+from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS, pack_motion
+from tasks.retrieval.opening import SUMMARIZED, places, room
 from tasks.retrieval.searching import SearchSettings
 from tasks.studio.dancing.choreography import freely, lonely, okuri48, walk
 from tasks.studio.performances import SH, TK, YS, generate_performance
 
 FRAMES = (60, 300)
 """How long a take is [frames]."""
+FULL = 1_000_000
+"""How many samples a segment has when it is full [samples]."""
 LATENCY_S = 0.02
 """How late the object store answers a request [s]."""
-GATHERED = 20_000
-"""How many takes lie by themselves at once while the archive is made [takes]."""
 MORE = 300
 """How many takes are added one after another [takes]: one merge among them."""
 
@@ -73,10 +76,9 @@ def measure(location: str, wanted: int) -> None:
     dances = generated()
     made = len(open_archive(location).listing().entries)
     begin = time.perf_counter()
-    for first in range(made, wanted, GATHERED):
-        for number in range(first, min(first + GATHERED, wanted)):
-            add(place, number, dances)
-        gather_segments(location)
+    if made < wanted:
+        fill(place, made, wanted, dances)
+        gather_segments(location)  # which takes the stamps of the records into the labels
     say(f"{wanted:,} takes ({time.perf_counter() - begin:.0f} s to make {max(0, wanted - made):,})")
     if place.folder:
         say(f"on disk: {size_of(place.folder / 'index'):.1f} MB in index/")
@@ -102,15 +104,19 @@ def measure(location: str, wanted: int) -> None:
     )
     say(f"  {answer.searched_takes:,} takes, {answer.searched_frames:,} frames")
     say(f"  {max_memory():.0f} MB of memory at most, mapped pages that were read included")
-    seconds = []
+    published, looked, worked = [], [], []
     for number in range(MORE):
-        begin = time.perf_counter()
-        add(place, wanted + number, dances, synced=True)
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        add(place, len(listing.entries) + number, dances)
+        published.append(time.perf_counter() - begin)
         gather_when_many(location)
-        seconds.append(time.perf_counter() - begin)
+        looked.append(time.perf_counter() - begin - published[-1])
+        worked.append(time.process_time() - begin_cpu)
     say(
-        f"adding {MORE} takes one by one: {1e3 * np.median(seconds):.1f} ms a take (median), "
-        f"{1e3 * np.mean(seconds):.1f} ms with the merge in it, {max(seconds):.2f} s the slowest"
+        f"adding {MORE} takes one by one: {1e3 * np.median(published):.1f} ms a take to publish it "
+        f"(median), {1e3 * np.median(looked):.1f} ms to see whether many have gathered, "
+        f"{1e3 * np.mean(looked):.1f} ms with the merge among them, which took {max(looked):.2f} s; "
+        f"{1e3 * np.mean(worked):.1f} ms of processor time in all"
     )
     faults, held = tell("verifying the index", lambda: verify_snapshot(place))
     say(f"  {len(held):,} takes, {len(faults)} faults")
@@ -127,15 +133,58 @@ def generated() -> list[np.ndarray]:
     return found
 
 
-def add(place: Place, number: int, dances: list[np.ndarray], *, synced: bool = False) -> None:
-    """Publish a take: its search array and its record, `synced` as ingesting writes them."""
+def fill(place: Place, made: int, wanted: int, dances: list[np.ndarray]) -> None:
+    """Publish takes, whose rows are put into segments at once."""
+    before = open_snapshot(place)
+    labels = [*zip(before.labels, before.digests, strict=True)]
+    number = made
+    while number < wanted:
+        records, arrays = [], []
+        while number < wanted and sum(room(rows.shape[1]) for rows in arrays) < FULL:
+            record, rows = draw(number, dances)
+            records.append(record)
+            arrays.append(rows)
+            write_plainly(place, record_path(record.take, 1), record_content(record))
+            number += 1
+        counts = [rows.shape[1] for rows in arrays]
+        first, total = places(counts)
+        content = new_rows(ROWS, total)
+        for rows, begin in zip(arrays, first, strict=True):
+            content[1][:, begin : begin + rows.shape[1]] = rows
+        entries = [entry_of(record) for record in records]
+        spans = [*zip(first, counts, strict=True)]
+        nothing = [None] * len(records)
+        summaries = summarize(content[1])
+        labels.append(
+            write_segment(place, entries, nothing, spans, content, summaries, summarized=SUMMARIZED)
+        )
+    publish_snapshot(place, before.newest + 1, labels, left=(0, 0))
+
+
+def write_plainly(place: Place, path: str, content: bytes) -> None:
+    """Write a file, on a disk without waiting for the medium."""
+    if place.folder:
+        (place.folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (place.folder / path).write_bytes(content)
+    else:
+        write_file(place, path, content)
+
+
+def add(place: Place, number: int, dances: list[np.ndarray]) -> None:
+    """Publish a take: its search array and its record, as ingesting writes them."""
+    record, rows = draw(number, dances)
+    write_search_array(place, record.take, record.version, rows)
+    create_file(place, record_path(record.take, 1), record_content(record))
+
+
+def draw(number: int, dances: list[np.ndarray]) -> tuple[Record, np.ndarray]:
+    """Return the record and the packed rows of a take."""
     rng = np.random.default_rng(number)
     rows = dances[number % len(dances)]
     frames = int(rng.integers(*FRAMES))
     first = int(rng.integers(rows.shape[1] - frames))
     rows = rows[:, first : first + frames] * np.float32(rng.uniform(0.9, 1.1))
     take, version = f"take-{number:06d}", f"000001-{number:08x}"
-    write_search_array(place, take, version, rows)
     record = Record(
         take=take,
         version=version,
@@ -155,8 +204,7 @@ def add(place: Place, number: int, dances: list[np.ndarray], *, synced: bool = F
         },
         notes=["The unit is taken for mm.", "Gaps of up to 5 frames were filled."],
     )  # fmt: skip
-    write = create_file if synced else write_file
-    write(place, record_path(take, 1), record_content(record))
+    return record, rows
 
 
 def open_anew(place: Place) -> Any:

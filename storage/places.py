@@ -27,10 +27,6 @@ from storage.files import check_regular as refuse_pipes
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _SYNCED_AT_ONCE = 8
 _DELETE_AT_ONCE = 1000  # what one request of S3 takes
-_PART_BYTES = 8 << 20
-"""How much of a large file is fetched by one request [bytes]. Chosen: many times what a request
-costs."""
-_PARTS_AT_ONCE = 8
 _NO_CREDENTIALS = r"169\.254\.169\.254|metadata\.google|credential|instance.metadata"
 """What an object store's client says where it was given no key [pattern]. It then asks the machine
 itself for one, at an address that only rented machines have."""
@@ -121,27 +117,6 @@ def read_range(place: Place, path: str, start: int, end: int) -> bytes:
                 file.seek(start)
                 return file.read(end - start)
         return bytes(obstore.get_range(place.store, path, start=start, end=end))
-
-
-def copy_file(place: Place, path: str, into: Path) -> None:
-    """Copy a file of an object store to this machine, many parts of it at a time.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    """
-    with told(f"copy {place.url(path)} to {into}"):
-        size = obstore.head(place.store, path)["size"]
-        starts = range(0, size, _PART_BYTES)
-        with into.open("wb") as file, ThreadPoolExecutor(_PARTS_AT_ONCE) as pool:
-
-            def fetch(start: int) -> None:
-                end = min(start + _PART_BYTES, size)
-                part = obstore.get_range(place.store, path, start=start, end=end)
-                os.pwrite(file.fileno(), part, start)
-
-            list(pool.map(fetch, starts))
 
 
 def check_regular(path: Path) -> Path:

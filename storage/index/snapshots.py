@@ -112,6 +112,7 @@ def publish_snapshot(
     said: dict[str, Any] = {
         "format": FORMAT,
         "packing": PACKING,
+        "number": number,
         "segments": [
             {
                 "label": label.path,
@@ -237,6 +238,8 @@ def _read_manifest(place: Place, number: int) -> tuple[str, dict[str, Any]]:
         if seal != _seal(said):
             raise ValueError("it is not what was written")
         form = said["format"], said["packing"]
+        if form == (FORMAT, PACKING) and said["number"] != number:
+            raise ValueError(f"it is that of number {said['number']}")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ArchiveError(
             f"the index is damaged: {place.url(path)} cannot be read "

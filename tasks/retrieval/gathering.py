@@ -7,7 +7,7 @@ archive, and at most a few segments are small.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -173,19 +173,18 @@ def _plan(merge: _Merge, lying: set[tuple[str, str]]) -> tuple[list[int], list[_
     held: set[str] = set()
     damaged: set[int] = set()
     pieces: list[list[_Piece]] = []
-    for number, label in enumerate(merge.labels):
+    for number in range(len(merge.labels)):
         pieces.append([])
-        for at, entry in enumerate(label.entries):
-            now = merge.current.get(entry.take)
-            if now is None or now.version != entry.version or now.take in held:
+        for piece in _live(merge, number):
+            version = piece.entry.take, piece.entry.version
+            if version[0] in held:
                 continue
-            piece = _Piece(now, int(label.samples[at]), number, at)
-            if (entry.take, entry.version) in lying:  # of a merge that was killed, or made again
+            if version in lying:  # of a merge that was killed, or made again
                 if not _is_whole(merge, piece):
                     damaged.add(number)
                     continue
-                merge.taken_up.append((entry.take, entry.version))
-            held.add(entry.take)
+                merge.taken_up.append(version)
+            held.add(version[0])
             pieces[-1].append(piece)
     beside = []
     for entry in merge.listing.entries:
@@ -200,6 +199,17 @@ def _plan(merge: _Merge, lying: set[tuple[str, str]]) -> tuple[list[int], list[_
     merged = _choose_merged(live, whole, gathered, damaged)
     kept = [number for number in range(len(merge.labels)) if number not in merged]
     return kept, [each for number in sorted(merged) for each in pieces[number]] + beside
+
+
+def _live(merge: _Merge, number: int) -> Iterator[_Piece]:
+    """Yield what a segment holds that still is of a take."""
+    label = merge.labels[number]
+    for at, (entry, samples) in enumerate(zip(label.entries, label.samples.tolist(), strict=True)):
+        now = merge.current.get(entry.take)
+        if entry.take in merge.listing.faults:
+            now = entry  # its record may be put back
+        if now is not None and now.version == entry.version:
+            yield _Piece(now, samples, number, at)
 
 
 def _choose_merged(

@@ -1,5 +1,6 @@
 """Open what a search reads: the segments of the index, and the takes that lie beside them."""
 
+import itertools
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -73,22 +74,27 @@ def open_segments(
     faults
         Why takes are in none of them that the index holds, by name.
     """
+    left = dict(wanted)
 
-    def open_one(label: Label) -> OpenedSegment | dict[str, str] | None:
+    def searched_of(label: Label) -> tuple[list[Entry], NDArray[np.bool_]]:
         held = label.samples > 0
         entries = [entry for entry, is_held in zip(label.entries, held, strict=True) if is_held]
-        searched = np.array([wanted.get(entry.take) == entry.version for entry in entries], bool)
-        if not searched.any():
-            return None
+        searched = [left.get(entry.take) == entry.version for entry in entries]
+        for entry in itertools.compress(entries, searched):
+            del left[entry.take]  # no take is searched twice, whatever the labels say
+        return entries, np.array(searched, bool)
+
+    def open_one(
+        label: Label, entries: list[Entry], searched: NDArray[np.bool_]
+    ) -> OpenedSegment | dict[str, str]:
+        held = label.samples > 0
         try:
             files = OpenSegment(place, label)
         except DamagedSegmentError as error:
             logger.warning("%s", error)
-            return {
-                entry.take: str(error)
-                for entry, is_searched in zip(entries, searched, strict=True)
-                if is_searched
-            }
+            return dict.fromkeys(
+                (entry.take for entry in itertools.compress(entries, searched)), str(error)
+            )
         segment = Segment(
             rows=files.rows,
             names=[entry.take for entry in entries],
@@ -103,11 +109,13 @@ def open_segments(
         )
         return OpenedSegment(segment, files)
 
+    found = [(label, *searched_of(label)) for label in snapshot.labels]
+    found = [each for each in found if each[2].any()]
     if place.folder:
-        opened = [open_one(label) for label in snapshot.labels]
+        opened = [open_one(*each) for each in found]
     else:
         with ThreadPoolExecutor(_REQUESTS_AT_ONCE) as pool:
-            opened = list(pool.map(open_one, snapshot.labels))
+            opened = list(pool.map(lambda each: open_one(*each), found))
     faults: dict[str, str] = {}
     for each in opened:
         faults |= each if isinstance(each, dict) else {}

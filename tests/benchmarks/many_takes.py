@@ -115,7 +115,7 @@ def measure(location: str, wanted: int) -> None:
     say(
         f"adding {MORE} takes one by one: {1e3 * np.median(published):.1f} ms a take to publish it "
         f"(median), {1e3 * np.median(looked):.1f} ms to see whether many have gathered, "
-        f"{1e3 * np.mean(looked):.1f} ms with the merge among them, which took {max(looked):.2f} s; "
+        f"{1e3 * np.mean(looked):.1f} ms with the merge ({max(looked):.2f} s) among them; "
         f"{1e3 * np.mean(worked):.1f} ms of processor time in all"
     )
     faults, held = tell("verifying the index", lambda: verify_snapshot(place))

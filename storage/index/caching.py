@@ -16,7 +16,7 @@ import obstore
 from storage.places import Place, check_regular, told
 
 _PART_BYTES = 8 << 20
-"""How much of a file is fetched by one request [bytes]. Chosen: it takes longer than the request."""
+"""How much of a file is fetched by one request [bytes]. Chosen: many times what asking costs."""
 _PARTS_AT_ONCE = 8
 _UNUSED_S = 7 * 86400.0
 """How long a copy that nobody opened is kept [s]. Chosen: a week of work."""

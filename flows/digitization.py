@@ -19,6 +19,7 @@ from storage.formats.capture.capture import capture_of
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording
 from tasks.cached import run_once
+from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.indexing import index_take
 from tasks.settings import (
     Settings,
@@ -88,6 +89,7 @@ def digitize_take(
         discard_blocks(opened.place, made)
         return {**asdict(other), "published": False}
     discard_blocks(opened.place, made)
+    gather_when_many(opened.location)
     take = opened.take(recording.take)
     show_digitized(take, blocks)
     return {**asdict(take.record), "published": True}

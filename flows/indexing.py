@@ -11,6 +11,8 @@ from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller
 from storage import open_archive
+from storage.errors import ArchiveError, PlaceError
+from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.indexing import index_take
 
 logger = logging.getLogger(__name__)
@@ -48,8 +50,8 @@ def index_archive(archive: str) -> State[list[str]]:
     prefect.states.State
         With each fault as a sentence; Failed where there is one.
     """
-    records, damaged = open_archive(archive).readable_records()
-    versions = [(each.take, each.version) for each in records if "motion" in each.stages]
+    listing = open_archive(archive).listing()
+    versions = [(each.take, each.version) for each in listing.entries if "motion" in each.stages]
     blocks = [versions[i : i + _TAKES_A_BLOCK] for i in range(0, len(versions), _TAKES_A_BLOCK)]
     tell_done = count_teller(f"{len(versions)} takes of {archive}", len(versions))
     runs = [index_block.submit(archive, block) for block in blocks]
@@ -59,9 +61,13 @@ def index_archive(archive: str) -> State[list[str]]:
         faults += run.result()
         done += len(block)
         tell_done(done)
+    try:
+        faults += gather_segments(archive, anew=True)
+    except (ArchiveError, PlaceError) as error:
+        faults.append(f"the index was not gathered in segments: {error}")
     said = f"indexed {len(versions) - len(faults)} takes of {archive}"
     logger.info("%s", said)
-    faults = [*damaged.values(), *faults]
+    faults = [*listing.faults.values(), *faults]
     if faults:
         return Failed(message=f"{said}; {'; '.join(faults[:_SAID])}", data=faults)
     return Completed(message=said, data=faults)

@@ -35,6 +35,7 @@ from tasks.motion.importing import (
     import_take,
     settings_for,
 )
+from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.indexing import find_index, index_take
 from tasks.settings import changed_settings, read_settings
 from tasks.takes.identity import find_same
@@ -167,6 +168,7 @@ def ingest_archive(
         tell_done(done)
     order = {each.path: number for number, each in enumerate(plan.recordings)}
     outcomes.sort(key=lambda each: order.get(each.path, -1))  # refusals first, as they came
+    gather_when_many(opened.location)
     show_ingested(archive, [asdict(each) for each in outcomes])
     lost = [each for each in outcomes if each.reason]
     if not lost:

@@ -5,12 +5,13 @@ import json
 import os
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from storage.errors import ArchiveError, InputError, UnknownNameError
+from storage.index.catalogue import Listing, list_takes
 from storage.places import Place, create_file, list_names, open_place, read_file
 from storage.provenance import now
 from storage.publication import version_folder
@@ -19,7 +20,6 @@ from storage.records import (
     published_takes,
     read_record,
     read_records,
-    readable_records,
 )
 
 if TYPE_CHECKING:
@@ -201,14 +201,13 @@ class Archive:
         """Return what every take is now, in the order of the names."""
         return read_records(self.place)
 
-    def readable_records(
-        self, known: Mapping[str, Record] | None = None
-    ) -> tuple[list[Record], dict[str, str]]:
-        """Return what every take is now, and what is wrong with the records of others, by take.
+    def listing(self, before: Listing | None = None) -> Listing:
+        """Return what every take is now, without the files of each, and whose record is damaged.
 
-        Of the records in `known`, by take, those that are still the newest are not read again.
+        It reads a few files, not a record a take. What was listed `before` and has not changed is
+        not read again.
         """
-        return readable_records(self.place, known)
+        return list_takes(self.place, before)
 
     def take(self, name: str) -> Take:
         """Return the take called `name` as it is now.

@@ -145,7 +145,7 @@ def check_regular(path: Path) -> Path:
     return path
 
 
-def write_file(place: Place, path: str, content: bytes) -> None:
+def write_file(place: Place, path: str, content: bytes | memoryview) -> None:
     """Write the file at `path`, whole or not at all, over what was there."""
     with told(f"write {place.url(path)}"):
         obstore.put(place.store, path, content)

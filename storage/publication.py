@@ -19,6 +19,8 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from storage.errors import ArchiveError, ConflictError, PlaceError
+from storage.index.segments import FOLDER as SEGMENTS
+from storage.index.snapshots import collect_segments, open_snapshot
 from storage.places import (
     Place,
     StoredFile,
@@ -148,6 +150,7 @@ def collect_garbage(place: Place, *, older_than: timedelta, lost: bool = False) 
             if not known and all(file.modified < limit for file in files):
                 doomed += files
     doomed = [file for file in doomed if is_own(place, file.path)]
+    doomed += collect_segments(place, superseded_for=older_than, strayed_for=older_than)
     old = [path for top in _TOPS for path in folders_older(place, top, limit)]
     delete_files(place, [file.path for file in doomed])
     remove_empty_folders(old)
@@ -166,6 +169,7 @@ def kept_from_garbage(place: Place, *, lost: bool = False) -> list[str]:
             _records_of(place, take)
         except ArchiveError as error:
             said.append(f"all of take {take!r} was kept: {error}")
+    said += open_snapshot(place).faults
     return said if lost else said + list(_tell_lost(place))
 
 
@@ -288,11 +292,12 @@ def _replaced_records(place: Place, take: str, newest: int, limit: datetime) -> 
 def _by_owner(place: Place, top: str) -> Mapping[tuple[str, str], list[StoredFile]]:
     """Return the files of takes/, index/, work/ or sources/, by the take and version they are of.
 
-    A file of no version is one of its own; in sources/ it is left out, and so is all behind links.
+    A file of no version is one of its own; in sources/ it is left out, and so are segments of the
+    index and all behind links.
     """
     groups: dict[tuple[str, str], list[StoredFile]] = {}
     for file in list_files(place, top):
-        if not is_own(place, file.path):
+        if not is_own(place, file.path) or file.path.startswith(f"{SEGMENTS}/"):
             continue
         parts = file.path.split("/")
         if len(parts) > 2:

@@ -109,34 +109,9 @@ def read_numbered_record(place: Place, take: str, number: int) -> Record:
 
 def read_records(place: Place) -> list[Record]:
     """Return what every take is now, in the order of their names; raises as `read_record`."""
-    records, faults = readable_records(place)
-    if faults:
-        raise ArchiveError("; ".join(faults.values()))
-    return records
-
-
-def readable_records(
-    place: Place, known: Mapping[str, Record] | None = None
-) -> tuple[list[Record], dict[str, str]]:
-    """Return what every take is now, in the order of their names, and what cannot be read.
-
-    Parameters
-    ----------
-    known
-        Records that were read before, by take: those that are still the newest are not read again.
-
-    Returns
-    -------
-    records
-        Of the takes whose record is whole.
-    faults
-        What is wrong with the record of each other take, by its name.
-    """
     newest = _newest_records(place)
 
     def read(take: str) -> Record | str:
-        if known and (held := known.get(take)) is not None and held.number == newest[take]:
-            return held
         try:
             return read_numbered_record(place, take, newest[take])
         except ArchiveError as error:
@@ -148,9 +123,9 @@ def readable_records(
     else:
         with ThreadPoolExecutor(_REQUESTS_AT_ONCE) as pool:
             found = list(pool.map(read, takes))
-    records = [each for each in found if isinstance(each, Record)]
-    faults = {take: each for take, each in zip(takes, found, strict=True) if isinstance(each, str)}
-    return records, faults
+    if faults := [each for each in found if isinstance(each, str)]:
+        raise ArchiveError("; ".join(faults))
+    return [each for each in found if isinstance(each, Record)]
 
 
 def record_content(record: Record) -> bytes:

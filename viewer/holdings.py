@@ -20,7 +20,9 @@ from storage import open_archive
 from storage.archive import Take
 from storage.describing import describe_take
 from storage.errors import ArchiveError, InputError, UnknownNameError
-from storage.publication import Record
+from storage.index.catalogue import Listing
+from storage.index.entries import Entry
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present
 from tasks.retrieval.opening import read_packed_takes
@@ -78,7 +80,7 @@ class Holdings:
         self.uploads = uploads
         self._lock = threading.Lock()
         self._listing_lock = threading.Lock()
-        self._listing: tuple[float, list[Record], dict[str, str]] | None = None
+        self._listing: tuple[float, Listing] | None = None
         self._takes: OrderedDict[Any, Take] = OrderedDict()
         self._motions: OrderedDict[Any, Motion] = OrderedDict()
         self._frames: OrderedDict[Any, Any] = OrderedDict()
@@ -88,7 +90,7 @@ class Holdings:
         self._pictures: OrderedDict[Any, Any] = OrderedDict()
         self._files: OrderedDict[str, Motion] = OrderedDict()
 
-    def records(self) -> tuple[list[Record], dict[str, str]]:
+    def records(self) -> tuple[list[Entry], dict[str, str]]:
         """Return what every take is now, and what is wrong with those that cannot be read.
 
         Raises
@@ -99,15 +101,14 @@ class Holdings:
         with self._listing_lock:
             held = self._listing
             if held is None or time.monotonic() - held[0] > FRESH_S:
-                known = {record.take: record for record in held[1]} if held else {}
-                found = open_archive(self.location).readable_records(known)
-                held = self._listing = (time.monotonic(), *found)
-            return held[1], held[2]
+                found = open_archive(self.location).listing(held[1] if held else None)
+                held = self._listing = (time.monotonic(), found)
+            return held[1].entries, held[1].faults
 
-    def records_at_hand(self) -> list[Record]:
+    def records_at_hand(self) -> list[Entry]:
         """Return the takes as they were listed last, at once: for each letter that is typed."""
         held = self._listing
-        return held[1] if held is not None else self.records()[0]
+        return held[1].entries if held is not None else self.records()[0]
 
     def describe(self, name: str, said: Mapping[str, str], over: int) -> Record:
         """Give a take other words; raises as `describe_take`."""
@@ -153,7 +154,7 @@ class Holdings:
         key = (name, take.record.version, take.record.number)
         return self._hold(self._motions, key, lambda: _motion_of(take), _TAKES_OPEN)
 
-    def packed(self, record: Record) -> PackedTake:
+    def packed(self, record: Record | Entry) -> PackedTake:
         """Return a take as the search reads it: opened and checked once, mapped on a disk.
 
         Raises
@@ -250,23 +251,23 @@ def motion_of_file(
     )  # fmt: skip
 
 
-def title_of(record: Record) -> str:
+def title_of(record: Record | Entry) -> str:
     """Return what a take is called on a page."""
     return str(record.metadata.get("title") or record.take)
 
 
-def performer_of(record: Record) -> str:
+def performer_of(record: Record | Entry) -> str:
     """Return who dances in a take, as the pages show it."""
     return str(record.metadata.get("performer") or "")
 
 
-def matching(records: Sequence[Record], words: str) -> list[Record]:
+def matching(records: Sequence[Entry], words: str) -> list[Entry]:
     """Return the takes in whose name, title, performer or other metadata all the words are."""
     wanted = words.casefold().split()
     if not wanted:
         return list(records)
 
-    def text(record: Record) -> str:
+    def text(record: Record | Entry) -> str:
         said = (record.take, record.source["kind"], *map(str, record.metadata.values()))
         return " ".join(said).casefold()
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.publication import Record
+from storage.index.entries import Entry
 from storage.schema import JOINTS
 from tasks.rendering.drawing.stick_figures import FIGURE_LINES
 from tasks.retrieval.explaining import (
@@ -126,7 +126,7 @@ def explain(
 
 
 def listed(
-    holdings: Holdings, matches: Sequence[Match], records: Mapping[str, Record]
+    holdings: Holdings, matches: Sequence[Match], records: Mapping[str, Entry]
 ) -> list[dict[str, Any]]:
     """Return the rows of a list of matches, with pictures of some poses of each."""
     farthest = max((match.distance for match in matches), default=0.0) or 1.0

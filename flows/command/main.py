@@ -242,11 +242,11 @@ def _settings(options: argparse.Namespace) -> int:
 
 
 def _takes(options: argparse.Namespace) -> int:
-    records, damaged = open_archive(options.archive).readable_records()
-    printing.print_takes(records, as_json=options.json)
-    for fault in damaged.values():
+    listing = open_archive(options.archive).listing()
+    printing.print_takes(listing.entries, as_json=options.json)
+    for fault in listing.faults.values():
         printing.say(fault)
-    return BAD_INPUT if damaged else DONE
+    return BAD_INPUT if listing.faults else DONE
 
 
 def _show(options: argparse.Namespace) -> int:

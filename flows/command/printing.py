@@ -7,7 +7,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from storage.archive import Take
-from storage.publication import Record
+from storage.index.entries import Entry
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.takes.identity import is_of_other_code, made_by
@@ -50,7 +51,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         print("  ".join(cells).rstrip())
 
 
-def print_takes(records: Sequence[Record], *, as_json: bool) -> None:
+def print_takes(records: Sequence[Entry], *, as_json: bool) -> None:
     """Print the takes of an archive (docs/contract.md, section 7)."""
     if as_json:
         print_json({"takes": [_described(record) for record in records]})
@@ -194,7 +195,7 @@ def print_matches(answer: "Answer", *, most: int | None = None) -> None:
         print_table(heads, rows)
 
 
-def _described(record: Record) -> dict[str, Any]:
+def _described(record: Record | Entry) -> dict[str, Any]:
     """Return a take as `takes --json` lists it."""
     return {
         "take": record.take,

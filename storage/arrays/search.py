@@ -1,14 +1,16 @@
-"""The index on disk: one plain array a take, opened by a search without decompressing or copying.
+"""The search array of a take by itself, as it is written when the take is published.
 
     index/<take>/<version>.<format>.npy    float32 (row, sample), mapped into memory on a disk
     index/<take>/<version>.<format>.json   whose array it is, its shape and its checks
 
+Many of them are gathered in a segment of the index (`storage.index.segments`) and removed then.
 What the rows mean is the business of `tasks.retrieval.normalization`; `PACKING` counts up
 whenever they change, so that arrays of an older shosa are rebuilt and never misread.
 """
 
 import io
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,7 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import ArchiveError
-from storage.places import Place, check_regular, read_file, told, write_file
+from storage.places import (
+    Place,
+    check_regular,
+    delete_files,
+    list_files,
+    read_file,
+    told,
+    write_file,
+)
 from storage.provenance import digest_bytes
 
 PACKING = 1
@@ -44,7 +54,7 @@ class _Label:
 def write_search_array(place: Place, take: str, version: str, rows: NDArray[np.float32]) -> str:
     """Write the packed rows (row, sample) of a version; return their SHA-256."""
     values = np.ascontiguousarray(rows, np.float32)
-    content = io.BytesIO(_head(values.shape) + values.tobytes())
+    content = io.BytesIO(array_head(values.shape) + values.tobytes())
     digest = digest_bytes(content.getbuffer())
     label = _Label(take, version, list(values.shape), digest, _check(values))
     path = search_array_path(take, version)
@@ -56,14 +66,44 @@ def write_search_array(place: Place, take: str, version: str, rows: NDArray[np.f
 def open_search_array(place: Place, take: str, version: str) -> NDArray[np.float32]:
     """Return the packed rows (row, sample) of a version: mapped on a disk, fetched elsewhere.
 
+    A mapping keeps a file open; who opens many takes reads them.
+
     Raises
     ------
     ArchiveError
         If they are missing, damaged or of another take; `shosa index` makes them anew.
     """
+    return _open(place, take, version, mapped=True)
+
+
+def read_search_array(place: Place, take: str, version: str) -> NDArray[np.float32]:
+    """Return the packed rows (row, sample) of a version in memory; raises as the above."""
+    return _open(place, take, version, mapped=False)
+
+
+def lying_search_arrays(place: Place) -> dict[tuple[str, str], int]:
+    """Return the size of each search array of a take by itself, by take and version."""
+    found = {}
+    for file in list_files(place, "index"):
+        parts = file.path.split("/")
+        version = parts[-1].removesuffix(f".{PACKING}.npy")
+        if len(parts) == 3 and version != parts[-1] and "." not in parts[1] + version:
+            found[parts[1], version] = file.size
+    return found
+
+
+def remove_search_arrays(place: Place, versions: Iterable[tuple[str, str]]) -> None:
+    """Remove the search arrays of versions of takes, which a segment holds now."""
+    paths = [search_array_path(take, version) for take, version in versions]
+    delete_files(place, [each for path in paths for each in (path, _label_path(path))])
+
+
+def _open(place: Place, take: str, version: str, *, mapped: bool) -> NDArray[np.float32]:
+    """Return the packed rows of a version, which are known to be its own and whole."""
     try:
         label = _read_label(place, take, version)
-        rows = _open_rows(place, search_array_path(take, version), (label.shape[0], label.shape[1]))
+        shape = label.shape[0], label.shape[1]
+        rows = _open_rows(place, search_array_path(take, version), shape, mapped=mapped)
     except FileNotFoundError as error:
         raise ArchiveError(_missing(take)) from error
     except ValueError as error:
@@ -74,6 +114,12 @@ def open_search_array(place: Place, take: str, version: str) -> NDArray[np.float
     if _check(rows) != label.crc32c:
         raise ArchiveError(_changed(take))
     return rows
+
+
+def search_digest(rows: NDArray[np.float32]) -> str:
+    """Return the SHA-256 of the file of a search array with these rows."""
+    values = np.ascontiguousarray(rows, np.float32)
+    return digest_bytes(array_head(values.shape) + values.tobytes())
 
 
 def search_array_digest(place: Place, take: str, version: str) -> str:
@@ -123,11 +169,13 @@ def _read_label(place: Place, take: str, version: str) -> _Label:
     return label
 
 
-def _open_rows(place: Place, path: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _open_rows(
+    place: Place, path: str, shape: tuple[int, int], *, mapped: bool
+) -> NDArray[np.float32]:
     """Return the values of a search array of that shape; ValueError where the file has another."""
-    head = _head(shape)
+    head = array_head(shape)
     size = len(head) + 4 * shape[0] * shape[1]
-    if place.folder:
+    if place.folder and mapped:
         with told(f"read {place.url(path)}"):
             file = check_regular(place.folder / path)
             found, begin = file.stat().st_size, _first_bytes(file, len(head))
@@ -148,10 +196,10 @@ def _first_bytes(file: Path, count: int) -> bytes:
         return opened.read(count)
 
 
-def _head(shape: tuple[int, ...]) -> bytes:
-    """Return the head of the .npy file of float32 values of that shape."""
+def array_head(shape: tuple[int, ...], dtype: str = "<f4") -> bytes:
+    """Return what the .npy file of values of that shape begins with."""
     head = io.BytesIO()
-    about = {"descr": "<f4", "fortran_order": False, "shape": tuple(shape)}
+    about = {"descr": dtype, "fortran_order": False, "shape": tuple(shape)}
     np.lib.format.write_array_header_1_0(head, about)
     return head.getvalue()
 

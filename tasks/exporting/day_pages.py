@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from storage import open_archive
-from storage.records import Record
+from storage.index.entries import Entry
 from tasks.exporting.markdown import escaped, table
 
 QUARANTINE = "quarantine"
@@ -64,7 +64,8 @@ def summarize_day(
         If there is no archive, or a newer shosa made it.
     """
     opened = open_archive(archive)
-    records, damaged = opened.readable_records()
+    listing = opened.listing()
+    records, damaged = listing.entries, listing.faults
     end = at or datetime.now(UTC)
     since = end - timedelta(hours=hours)
     new = [each for each in records if since < _time(each.published) <= end]
@@ -156,7 +157,7 @@ def _listed(said: Iterable[tuple[str, str]]) -> str:
     return "\n".join(f"- **{name}**: {sentence}" for name, sentence in said)
 
 
-def _taken_in(records: Sequence[Record]) -> str:
+def _taken_in(records: Sequence[Entry]) -> str:
     """Return what was taken in, the newest first."""
     rows = [
         (
@@ -178,11 +179,11 @@ def _and_more(count: int) -> str:
     return f"\n\nand {count - _MOST_ROWS} more." if count > _MOST_ROWS else ""
 
 
-def _size(location: str, records: Sequence[Record]) -> Iterator[tuple[str, str]]:
+def _size(location: str, records: Sequence[Entry]) -> Iterator[tuple[str, str]]:
     """Yield how large the archive is."""
     captures = sum(each.source["kind"] == "capture" for each in records)
     searched = sum("motion" in each.stages for each in records)
-    bytes_kept = sum(file["bytes"] for each in records for file in each.files.values())
+    bytes_kept = sum(each.bytes for each in records)
     yield (
         "takes",
         f"{len(records):,}, of them {captures:,} from captures; {searched:,} are searched",

@@ -4,6 +4,7 @@ No Prefect here: the command line calls this directly, and the flow `search_arch
 Notebooks call `find_matches`.
 """
 
+import logging
 import os
 import re
 import time
@@ -14,25 +15,35 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from storage import Archive, open_archive
-from storage.errors import ArchiveError, InputError, UnknownNameError
+from storage.errors import ArchiveError, DamagedSegmentError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
-from storage.publication import Record
+from storage.index.catalogue import Listing
+from storage.index.entries import Entry
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
-from tasks.retrieval.opening import read_packed_takes
+from tasks.retrieval.opening import (
+    OpenedSegment,
+    open_segments,
+    read_lying_takes,
+    read_packed_takes,
+)
 from tasks.retrieval.searching import (
+    Found,
     Match,
     Query,
     SearchSettings,
     clip_motion,
     clip_take,
-    search_takes,
+    search_segments,
 )
+from tasks.retrieval.segments import Segment
 
 if TYPE_CHECKING:
     import pandas
 
     from tasks.motion.importing import ImportSettings
+
+logger = logging.getLogger(__name__)
 
 _COLUMNS = {
     "rank": int,
@@ -57,8 +68,8 @@ class Answer:
     query: dict[str, Any]
     settings: SearchSettings
     matches: list[Match]
-    records: dict[str, Record] = field(repr=False)
-    """The records of the takes that were searched, by name."""
+    records: dict[str, Entry] = field(repr=False)
+    """What is known of the takes that were searched, by name."""
     skipped: dict[str, str]
     """Takes that could not be compared, and why."""
     searched_takes: int
@@ -110,15 +121,20 @@ def answer_query(
     """
     begin = time.perf_counter()
     archive = open_archive(location)
-    records, damaged = archive.readable_records()
-    query, asked = _find_query(archive, records, text, imported)
-    searched = [r for r in records if takes is None or fnmatchcase(r.take, takes)]
-    skipped = {t: why for t, why in damaged.items() if takes is None or fnmatchcase(t, takes)}
+    listing = archive.listing()
+    for fault in listing.snapshot.faults:
+        logger.warning("%s", fault)
+    query, asked = _find_query(archive, listing, text, imported)
+
+    def is_searched(take: str) -> bool:
+        return takes is None or fnmatchcase(take, takes)
+
+    searched = [entry for entry in listing.entries if is_searched(entry.take)]
+    skipped = {take: why for take, why in listing.faults.items() if is_searched(take)}
     if not searched and not skipped:
-        raise UnknownNameError(_no_take(archive, records, takes))
-    packed, unopened = read_packed_takes(archive.place, searched)
-    found = search_takes(query, packed, settings)
-    skipped |= unopened | found.skipped
+        raise UnknownNameError(_no_take(archive, listing.entries, takes))
+    found = _search(archive, listing, searched, query, settings)
+    skipped |= found.skipped
     if not found.too_short and not {record.take for record in searched} - skipped.keys():
         reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
         raise InputError(f"none of the {len(skipped)} takes can be compared ({reasons})")
@@ -225,9 +241,63 @@ def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
         ) from None
 
 
+def _search(
+    archive: Archive,
+    listing: Listing,
+    searched: Sequence[Entry],
+    query: Query,
+    settings: SearchSettings,
+) -> Found:
+    """Return the matches in takes: in the index's segments, then in what lies beside them."""
+    wanted = {entry.take: entry.version for entry in searched if "motion" in entry.stages}
+    opened, faults = open_segments(archive.place, listing.snapshot, wanted)
+    held = {
+        name
+        for each in opened
+        for name, is_searched in zip(each.segment.names, each.segment.searched, strict=True)
+        if is_searched
+    }
+    lying = [entry for entry in searched if entry.take not in held]
+    found: list[Found] = []
+    # not all in memory at once, where there are many
+    for segment, skipped in read_lying_takes(archive.place, lying):
+        skipped = {take: faults.get(take, why) for take, why in skipped.items()}
+        found.append(_search_whole(query, opened, segment, settings, skipped))
+        opened = []
+    matches = [match for each in found for match in each.matches]
+    matches.sort(key=lambda match: (match.distance, match.take, match.start))
+    return Found(
+        matches[: settings.top],
+        {take: why for each in found for take, why in each.skipped.items()},
+        frozenset().union(*(each.too_short for each in found)),
+    )
+
+
+def _search_whole(
+    query: Query,
+    opened: list[OpenedSegment],
+    lying: Segment | None,
+    settings: SearchSettings,
+    skipped: dict[str, str],
+) -> Found:
+    """Return the matches in segments; of what turns out to be damaged nothing is answered."""
+    while True:
+        segments = [each.segment for each in opened] + ([] if lying is None else [lying])
+        try:
+            found = search_segments(query, segments, settings)
+        except DamagedSegmentError as error:
+            logger.warning("%s", error)
+            at = [each.files.label.path for each in opened].index(error.label)
+            opened = [*opened]
+            opened[at], lost = opened[at].without_damage(error)
+            skipped = skipped | lost
+            continue
+        return Found(found.matches, skipped | found.skipped, found.too_short)
+
+
 def _find_query(
     archive: Archive,
-    records: Sequence[Record],
+    listing: Listing,
     text: str,
     imported: "ImportSettings | None",
 ) -> tuple[Query, dict[str, Any]]:
@@ -244,7 +314,8 @@ def _find_query(
         query = clip_motion(track.position, track.rate_hz, stature_m, clip, name=name)
         frames, rate_hz, asked = len(track.position), track.rate_hz, {"file": name}
     else:
-        record = next((r for r in records if r.take == name), None) or archive.take(name).record
+        record = next((e for e in listing.entries if e.take == name), None)
+        record = record or archive.take(name).record
         packed, faults = read_packed_takes(archive.place, [record])
         if faults:
             raise ArchiveError(faults[name])
@@ -254,7 +325,7 @@ def _find_query(
     return query, {**asked, "start": start, "end": end, "rate_hz": rate_hz}
 
 
-def _no_take(archive: Archive, records: Sequence[Record], takes: str | None) -> str:
+def _no_take(archive: Archive, records: Sequence[Entry], takes: str | None) -> str:
     """Say that there is nothing to search in."""
     if not records:
         return f"the archive {archive.place.location} has no takes; `shosa ingest` brings some in"

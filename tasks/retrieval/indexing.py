@@ -9,11 +9,18 @@ import logging
 
 from storage import open_archive
 from storage.arrays.groups import open_group
-from storage.arrays.search import search_array_digest, verify_search_array, write_search_array
+from storage.arrays.search import (
+    search_array_digest,
+    search_digest,
+    verify_search_array,
+    write_search_array,
+)
+from storage.index.snapshots import open_snapshot
 from storage.publication import version_folder
 from storage.records import read_record
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.normalization import pack_motion
+from tasks.retrieval.opening import read_packed_takes
 
 logger = logging.getLogger(__name__)
 
@@ -38,5 +45,10 @@ def index_take(archive: str, take: str, version: str) -> str:
 def find_index(archive: str, take: str, version: str) -> str | None:
     """Return the SHA-256 of what `index_take` wrote of a version, None where it is not whole."""
     place = open_archive(archive).place
+    if (take, version) in open_snapshot(place).places:
+        record = read_record(place, take)
+        if record is not None and record.version == version:
+            packed, _ = read_packed_takes(place, [record])
+            return search_digest(packed[0].rows) if packed else None
     whole = not verify_search_array(place, take, version)
     return search_array_digest(place, take, version) if whole else None

@@ -10,7 +10,7 @@ beyond the paper.
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +31,7 @@ from tasks.retrieval.normalization import (
     mirror_rows,
     pack_motion,
 )
-from tasks.retrieval.segments import PackedTake
+from tasks.retrieval.segments import PackedTake, Segment
 from tasks.retrieval.warping import Clip, select_matches, shortest_match, warm_up, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 
@@ -190,6 +190,43 @@ def search_takes(
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
     matches.sort(key=lambda match: (match.distance, match.take, match.start))
     return Found(matches[: settings.top], skipped, frozenset(too_short))
+
+
+def search_segments(
+    query: Query,
+    segments: Sequence[Segment],
+    settings: SearchSettings | None = None,
+    *,
+    threads: int | None = None,
+) -> Found:
+    """Return the matches of a query in the takes of segments that are searched.
+
+    A plain scan, take after take, until segments are searched by bounds.
+
+    Raises
+    ------
+    ArchiveError
+        If what is read of a segment is not what was written.
+    ValueError
+        As `search_takes`.
+    """
+    takes = []
+    for segment in segments:
+        for place in np.flatnonzero(segment.searched).tolist():
+            first = int(segment.first[place])
+            last = first + int(segment.samples[place])
+            if segment.check is not None:
+                segment.check(first, last)
+            takes.append(
+                PackedTake(
+                    segment.names[place],
+                    segment.rows[:, first:last],
+                    float(segment.rate_hz[place]),
+                    int(segment.frames[place]),
+                    segment.joints_present[place],
+                )
+            )
+    return search_takes(query, takes, settings, threads=threads)
 
 
 def _versions(query: Query, weights: NDArray[np.float32], *, mirror: bool) -> list[_Version]:

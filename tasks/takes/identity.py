@@ -10,6 +10,7 @@ from typing import Any
 
 from storage.archive import Archive
 from storage.describing import own_metadata
+from storage.index.entries import Entry
 from storage.publication import damaged_files
 from storage.recordings import Recording
 from storage.records import Record, read_record
@@ -70,12 +71,12 @@ def find_same(opened: Archive, recording: Recording, settings: Mapping[str, Any]
     return None if reason else record
 
 
-def is_of_other_code(record: Record) -> bool:
+def is_of_other_code(record: Record | Entry) -> bool:
     """Say whether a take was made by other code than that which runs."""
     return record.source.get("code") != code_of(record.source["kind"])
 
 
-def made_by(record: Record) -> str:
+def made_by(record: Record | Entry) -> str:
     """Say by what a take was made that is not as usual: other code, settings; or nothing."""
     said = ["other code"] if is_of_other_code(record) else []
     if record.settings:

@@ -15,7 +15,11 @@ import pytest
 
 from flows.command.main import main
 from storage import open_archive
-from storage.arrays.search import open_search_array, search_array_path
+from storage.arrays.search import (
+    lying_search_arrays,
+    open_search_array,
+    search_array_path,
+)
 from storage.publication import verify_take
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow, pytest.mark.usefixtures("prefect_server")]
@@ -110,19 +114,24 @@ def test_an_archive_that_was_removed_is_made_again(ingest, tmp_path):
     assert len(open_archive(tmp_path / "archive").takes()) == 3
 
 
-def test_indexing_makes_every_search_array_anew(ingest, tmp_path):
+def test_indexing_makes_every_search_array_anew_in_segments(ingest, tmp_path):
     from flows.indexing import run_indexing
+    from tasks.retrieval.opening import read_packed_takes
 
     ingest()
     archive = open_archive(tmp_path / "archive")
     arrays = {}
     for record in archive.records():
         path = Path(archive.place.location, search_array_path(record.take, record.version))
-        arrays[path] = np.load(path)
+        arrays[record.take] = np.load(path)
         path.unlink()
     assert run_indexing(str(tmp_path / "archive")) == []
-    for path, rows in arrays.items():
-        np.testing.assert_array_equal(np.load(path), rows)
+    packed, faults = read_packed_takes(archive.place, archive.records())
+    assert (len(packed), faults) == (3, {})
+    for take in packed:
+        np.testing.assert_array_equal(take.rows, arrays[take.name])
+    assert set(ingest().values()) == {"unchanged"}
+    assert lying_search_arrays(archive.place) == {}  # nothing was indexed again
 
 
 def test_a_search_as_a_flow_answers_as_the_search_does(ingest, tmp_path):

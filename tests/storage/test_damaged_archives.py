@@ -14,8 +14,10 @@ import pytest
 
 from flows.command.main import BAD_INPUT, DONE, RUN_FAILED, WRONG_USE, main
 from storage import create_archive
+from storage.index import snapshots
 from storage.recordings import find_recordings, plan_takes
 from tasks.motion.importing import ImportSettings, import_take
+from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.indexing import index_take
 from tasks.takes.publishing import publish_take
 from tests.conftest import cases
@@ -221,6 +223,43 @@ def test_no_command_answers_from_a_harmed_archive(whole, tmp_path, capsys, harm)
             assert agrees(command, right[command], answer), case
         refused += code != DONE
     assert 0 < refused < len(chosen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("harm", [flip, remove, pipe], ids=pytest_id)
+def test_no_command_answers_from_a_harmed_index(whole, tmp_path, capsys, harm):
+    rng = np.random.default_rng(HARMS.index(harm))
+    gathered, archive = tmp_path / "gathered", tmp_path / "archive"
+    shutil.copytree(whole, gathered)
+    assert gather_segments(str(gathered)) == []
+    commands = ("takes", "search", "search with", "verify")
+    right = {
+        name: answer_of(name, run(capsys, whole, name, tmp_path / "out.csv")[1])
+        for name in commands
+    }
+    for name in ("takes", "search"):
+        assert answer_of(name, run(capsys, gathered, name, tmp_path / "out.csv")[1]) == right[name]
+    files = [path.relative_to(gathered) for path in gathered.glob("index/*/*")]
+    assert len(files) == 3
+    for file, command in itertools.product(files, commands):
+        shutil.rmtree(archive, ignore_errors=True)
+        shutil.copytree(gathered, archive)
+        harm(archive / file, rng)
+        snapshots._held.clear()  # as a new process
+        code, answer, err = run(capsys, archive, command, tmp_path / "out.csv")
+        case = f"{harm.__name__} {file}: {command}: {code}\n{answer}\n{err}"
+        assert "Traceback" not in err, case
+        assert "fault of the program" not in err, case
+        if command == "verify":
+            assert code == BAD_INPUT, case
+            assert "run `shosa index`" in answer, case
+        elif command == "takes":
+            assert code == DONE, case
+            assert answer_of(command, answer) == right[command], case
+        else:
+            assert code in (DONE, BAD_INPUT), case
+            assert "run `shosa index`" in err, case
+            assert not answer or agrees(command, right[command], answer), case
 
 
 def is_seen(path, before):

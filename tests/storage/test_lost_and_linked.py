@@ -181,9 +181,9 @@ def test_a_record_that_is_not_what_was_published_is_refused_and_others_are_read(
     path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(ArchiveError, match=message):
         read_record(archive.place, "okuri48")
-    records, faults = archive.readable_records()
-    assert [record.take for record in records] == ["okuri49"]
-    assert re.search(message, faults["okuri48"])
+    listing = archive.listing()
+    assert [record.take for record in listing.entries] == ["okuri49"]
+    assert re.search(message, listing.faults["okuri48"])
     assert re.search(message, verify_take(archive.place, "okuri48")[0])
     assert [f for f in collect_garbage(archive.place, older_than=NOW) if "okuri48" in f.path] == []
     assert "all of take 'okuri48' was kept" in kept_from_garbage(archive.place)[0]

@@ -9,8 +9,13 @@ import pytest
 from storage import create_archive, open_archive
 from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ConflictError, InputError, PlaceError
+from storage.index.segments import FOLDER
+from storage.index.snapshots import verify_snapshot
+from storage.places import list_files, write_file
 from storage.publication import collect_garbage, publish_record, verify_take
+from tasks.retrieval.gathering import gather_segments
 from tests.conftest import cases
+from tests.figures.packed_takes import PlainTakes, read_all
 from tests.figures.takes import publish, publish_until_killed, write_version
 
 pytestmark = pytest.mark.s3
@@ -68,6 +73,41 @@ def test_a_run_killed_at_any_moment_leaves_the_old_version_or_the_new_one(object
             np.testing.assert_array_equal(np.unique(take.motion["position"]), [published])
             assert verify_take(archive.place, "okuri48") == []
     assert published > kills / 4
+
+
+def test_an_index_in_an_object_store_is_copied_once_and_checked(
+    object_store, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    takes = PlainTakes(create_archive(object_store).place)
+    for number in range(3):
+        takes.publish(f"take{number}", 40 + number)
+    takes.check()
+    assert gather_segments(object_store) == []
+    takes.check()
+    [copy] = tmp_path.rglob("*.npy")
+    before = copy.stat().st_ino
+    takes.publish("take1", 77)
+    takes.check()
+    assert copy.stat().st_ino == before
+    content = bytearray(copy.read_bytes())
+    content[-5000] ^= 1
+    copy.write_bytes(content)
+    found, skipped = read_all(object_store)
+    assert "run `shosa index`" in skipped["take0"]
+    assert "take1" in found
+    takes.check()  # it was copied again
+    assert verify_snapshot(takes.place)[0] == []
+    path = next(file.path for file in list_files(takes.place, FOLDER) if ".rows." in file.path)
+    write_file(takes.place, path, bytes(content))
+    assert "has changed" in verify_snapshot(takes.place)[0][0]
+    time.sleep(1.1)  # the server keeps whole seconds
+    for number in range(3):
+        takes.publish(f"take{number}", 50 + number)
+    assert gather_segments(object_store) == []
+    takes.check()
+    assert path in {file.path for file in _collect(takes.place)}
+    takes.check()
 
 
 def test_an_object_store_that_goes_away_is_said(object_store, object_store_server):

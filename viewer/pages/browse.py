@@ -12,7 +12,6 @@ from nicegui import ui
 
 from storage.errors import ArchiveError
 from storage.index.entries import Entry
-from storage.records import Record
 from storage.schema import JOINTS
 from viewer.holdings import matching, performer_of, title_of
 from viewer.pages.about import About
@@ -164,76 +163,3 @@ class BrowsePage:
         doubtful = np.asarray(take.pose["doubtful"].values, np.bool_)
         edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2)
         return [[int(first), int(end) - 1] for first, end in edges]
-<<<<<<< HEAD:viewer/pages/browse.py
-=======
-
-    def show_about(self, record: Record | Entry, doubts: list[list[int]]) -> None:
-        """Show what is known of a recording."""
-        texts = self.shell.texts
-        self.about.clear()
-        with self.about:
-            with tag("div"):
-                tag("h2", title_of(record))
-                with tag("dl"):
-                    facts = {
-                        texts["take"]: record.take,
-                        texts[
-                            "length"
-                        ]: f"{record.frames:,} · {record.frames / record.rate_hz:.1f} s "
-                        f"· {record.rate_hz:g} Hz",
-                        texts["made_from"]: f"{record.source['kind']}, {record.source['name']}",
-                        **{k: v for k, v in record.metadata.items() if k != "title"},
-                        texts[
-                            "version"
-                        ]: f"{record.number}, {record.published[:16].replace('T', ' ')}",
-                    }
-                    for name, value in facts.items():
-                        tag("dt", str(name))
-                        tag("dd", str(value))
-            with tag("div"):
-                tag("h2", texts["stages"])
-                with tag("div", classes="stages"):
-                    for stage in STAGES if record.source["kind"] == "capture" else ("motion",):
-                        tag("span", stage, "done" if stage in record.stages else "not")
-                missing = [joint for joint in JOINTS if joint not in record.joints_present]
-                if missing and "motion" in record.stages:
-                    tag("small", self.shell.text("missing", joints=", ".join(missing)))
-                if doubts:
-                    tag("h2", self.shell.text("doubtful", count=sum(b - a + 1 for a, b in doubts)))
-                    with tag("div", classes="links"):
-                        for first, last in doubts[:_MOST_DOUBTS]:
-                            text = f"{first}-{last}" if first != last else f"{first}"
-                            shown = tag("button", text, "plain", data_doubt=str(first))
-                            shown.on("click", js_handler=f"() => window.shosa.seekFrame({first})")
-                tag("h2", texts["go_on"])
-                self.show_links(record)
-            with tag("div"):
-                tag("h2", texts["said"])
-                if record.notes:
-                    with tag("ul"):
-                        for note in record.notes:
-                            tag("li", note)
-                else:
-                    tag("small", texts["nothing_said"])
-
-    def show_links(self, record: Record | Entry) -> None:
-        """Show where one goes from here."""
-        texts, name = self.shell.texts, quote(record.take)
-        with tag("div", classes="links"):
-            if "motion" in record.stages:
-                long = min(record.frames - 1, round(2 * record.rate_hz))
-                start = (record.frames - 1 - long) // 2
-                address = search_address(record.take, start, start + long)
-                tag("a", texts["search_like"], href=address, data_link="search")
-            if "voxels" in record.stages:
-                tag("a", texts["correct_body"], href=f"/body?take={name}", data_link="body")
-            if "motion" in record.stages:
-                for kind in EXPORTS:
-                    tag(
-                        "a",
-                        kind.upper(),
-                        href=f"/export/{name}.{kind}",
-                        download="",
-                        data_link=kind,
-                    )
->>>>>>> w-seg:viewer/browse_page.py

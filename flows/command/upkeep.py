@@ -1,4 +1,4 @@
-"""The sub-commands that make and keep in order what shosa works with: cameras, archive, installation."""
+"""The sub-commands that keep cameras, an archive and an installation in order."""
 
 import argparse
 from datetime import timedelta

@@ -30,7 +30,7 @@ _START_S = 180.0  # a server on a busy machine; 15 s is usual
 _STOP_S = 30.0  # what a worker gets to end its runs, then they are killed
 _LOOK_S = 1.0  # between two looks at the children
 _HEALTH_S, _MISSED = 10.0, 3  # between two questions to the server, and how many go unanswered
-_STEADY_S = 300.0  # a child that ran for so long may fail anew
+_STEADY_S = 60.0  # a child that ran for so long did not die of its start
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is started again
 _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
@@ -327,6 +327,8 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_SERVER_CONCURRENCY_INITIAL_DEPLOYMENT_LEASE_DURATION": str(_LEASE_S),
         # SQLite lets one write at a time; who waits for 10 s is refused otherwise
         "PREFECT_SERVER_DATABASE_TIMEOUT": "60",
+        # Prefect runs a script of its own beside a module `storage`, which would hide ours
+        "PYTHONSAFEPATH": "1",
         "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(_HEARTBEAT_S),
         "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",  # reading a pickle runs what is in it
         "PREFECT_LOGGING_EXTRA_LOGGERS": "flows,tasks,storage",

@@ -19,7 +19,7 @@ import pytest
 from flows import serving
 from flows.command.main import main
 from flows.processes import served_processes
-from flows.served import ServingError
+from flows.served import Served, ServingError
 from storage import open_archive
 from storage.publication import verify_take
 from tests.conftest import HANGING_S, MEASURED, ROOT
@@ -319,6 +319,18 @@ def test_who_lost_the_archive_to_another_machine_ends_and_says_so():
     supervisor = serving._Supervisor(environment, url, "127.0.0.1", 1, 1, lost, **options)
     with pytest.raises(ServingError, match="another took the archive over"):
         supervisor._watch()
+
+
+def test_a_script_of_prefect_beside_a_module_of_our_name_finds_ours(tmp_path, monkeypatch):
+    """When a run crashed, a worker starts one, which lies beside Prefect's own `storage`."""
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "home"))
+    (tmp_path / "storage.py").write_text("")
+    (tmp_path / "script.py").write_text("import flows.served, storage.archive")
+    served = Served(str(tmp_path / "archive"))
+    environment = serving._environment(served, "http://127.0.0.1:1/api", "::1", 1, own=False)
+    script = [sys.executable, str(tmp_path / "script.py")]
+    done = subprocess.run(script, env={**os.environ, **environment}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_home_that_cannot_be_written_is_told_at_once(tmp_path, capsys, monkeypatch):

@@ -202,7 +202,8 @@ def test_a_damaged_take_is_told_and_the_others_searched(open_page, archive):
     for file in (archive / "takes" / "other").rglob("c/*/0/0"):
         if "position" in str(file):
             file.write_bytes(b"damaged")
-    page = open_page("/?take=asked&clip=60-119", faults_expected=True)
+    # somebody whose browser has kept nothing of it
+    page = open_page("/?take=asked&clip=60-119", faults_expected=True, locale="en")
     wait(page, DRAWN)
     chooser = page.get_by_role("combobox", name="Recording")
     chooser.click()

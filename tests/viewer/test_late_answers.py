@@ -98,8 +98,8 @@ def choose(page, take):
 
 def answered(page):
     """Wait until the page has had an answer to a later question."""
-    page.get_by_role("button", name="Hands").click()
-    wait(page, "() => window.shosa.stage.strong?.length === 2")
+    page.click("[data-part=hands]")
+    wait(page, "() => document.querySelector('[data-part=hands]').ariaPressed === 'true'")
 
 
 def test_a_recording_that_is_read_late_does_not_replace_one_chosen_since(open_page, monkeypatch):
@@ -162,10 +162,10 @@ def test_a_file_and_frames_that_come_late_replace_nothing(open_page, write_walk,
     page = open_page("/?take=asked")
     wait(page, DRAWN)
     held = []
-    page.route("**/files?*", held.append)
+    page.route("**/files?*", lambda route: held.append(route))
     page.set_input_files("input[type=file]", write_walk(tmp_path / "walk.trc", seed=7))
     poll(lambda: held or page.wait_for_timeout(10))
-    page.route("**/data/track/other/*", held.append)
+    page.route("**/data/track/other/*", lambda route: held.append(route))
     choose(page, "other")
     poll(lambda: len(held) > 1 or page.wait_for_timeout(10))
     choose(page, "answer")
@@ -173,7 +173,6 @@ def test_a_file_and_frames_that_come_late_replace_nothing(open_page, write_walk,
         page,
         "() => window.shosa.stage.figures[0]?.pose && window.shosa.score.query.take === 'answer'",
     )
-    page.unroute_all()
     with page.expect_response("**/files?*"):
         held.pop(0).continue_()
     for each in held:

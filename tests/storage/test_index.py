@@ -22,8 +22,9 @@ from storage.index import catalogue, segments, snapshots
 from storage.index.segments import FOLDER
 from storage.index.snapshots import open_snapshot, verify_snapshot
 from storage.publication import collect_garbage, kept_from_garbage, publish_record
-from tasks.retrieval import gathering, opening
+from tasks.retrieval import answering, gathering, opening
 from tasks.retrieval.gathering import gather_segments, gather_when_many
+from tasks.retrieval.searching import Found, Match, SearchSettings
 from tests.conftest import cases
 from tests.figures.packed_takes import PlainTakes, read_all, record_of
 
@@ -487,6 +488,69 @@ def test_a_harmed_summary_is_refused_and_the_rows_are_searched_without(takes, ha
     assert (lost, dict(left.segment.summaries)) == ({}, {})
     takes.check()
     assert len(verify_snapshot(takes.place)[0]) == 1
+
+
+@pytest.mark.usefixtures("summarized")
+def test_a_search_goes_on_without_what_it_finds_to_be_damaged(takes, monkeypatch):
+    monkeypatch.setattr(segments, "BLOCK", 64)
+    fill(takes, 5)
+    gather_segments(takes.location)
+    tried = []
+
+    def search(_query, found, _settings):
+        names = []
+        for segment in found:
+            tried.append([*segment.summaries.values()])
+            for at in np.flatnonzero(segment.searched):
+                segment.check(segment.first[at], segment.first[at] + segment.samples[at])
+                names.append(segment.names[at])
+        return Found([Match(name, 0, 9, 0.5) for name in names], {})
+
+    monkeypatch.setattr(answering, "search_segments", search)
+    archive = open_archive(takes.location)
+
+    def answer():
+        listing = archive.listing()
+        found = answering._search(archive, listing, listing.entries, None, SearchSettings(top=9))
+        return {match.take for match in found.matches}, found.skipped
+
+    assert answer() == ({*takes.rows}, {})
+    assert len(tried[-1]) == 1
+    flip(files(takes, "*.mean.npy")[0])
+    assert answer() == ({*takes.rows}, {})
+    assert tried[-1] == []
+    flip(files(takes, "*.rows.npy")[0])
+    there, skipped = answer()
+    assert 0 < len(skipped) < 4
+    assert there == {*takes.rows} - {*skipped}
+    assert "run `shosa index`" in next(iter(skipped.values()))
+
+
+@pytest.mark.usefixtures("small")
+def test_what_is_not_asked_for_is_a_hole_and_a_segment_of_holes_is_not_opened(takes):
+    fill(takes)
+    gather_segments(takes.location)
+    wanted = {"take1": takes.versions["take1"], "take2": "another version"}
+    [opened], faults = opening.open_segments(takes.place, open_snapshot(takes.place), wanted)
+    assert faults == {}
+    searched = itertools.compress(opened.segment.names, opened.segment.searched)
+    assert list(searched) == ["take1"]
+
+
+def test_opening_and_listing_cost_two_files_whatever_the_takes(takes, monkeypatch):
+    fill(takes, 12)
+    aged(takes)
+    gather_segments(takes.location)
+    read = []
+    for module in (snapshots, segments):
+        before = module.read_file
+        monkeypatch.setattr(
+            module, "read_file", lambda place, path, do=before: read.append(path) or do(place, path)
+        )
+    records = counted(monkeypatch)
+    snapshots._held.clear()
+    assert len(open_archive(takes.location).listing().entries) == 12
+    assert (len(read), records) == (2, [])
 
 
 @pytest.mark.usefixtures("summarized")

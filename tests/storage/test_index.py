@@ -82,7 +82,7 @@ def label(takes):
 
 def fill(takes, count=7):
     for number in range(count):
-        takes.publish(f"take{number}", 33 + 16 * number)
+        takes.publish(f"take{number}", 32 + 17 * number)  # some whole numbers of blocks
 
 
 @pytest.mark.usefixtures("small")
@@ -270,6 +270,21 @@ def test_of_two_merges_at_once_one_wins_and_the_other_leaves_nothing(takes, monk
     takes.check()
     assert [path.name for path in files(takes, MANIFEST)][-1] == "00000001.json"
     assert len(files(takes)) == 3
+
+
+def test_a_manifest_is_created_when_all_that_it_names_is_on_the_medium(takes, monkeypatch):
+    fill(takes, 3)
+    done = []
+    sync, create = snapshots.sync_files, snapshots.create_file
+    monkeypatch.setattr(
+        snapshots, "sync_files", lambda place, paths: done.append({*paths}) or sync(place, paths)
+    )
+    monkeypatch.setattr(
+        snapshots, "create_file", lambda *values: done.append("created") or create(*values)
+    )
+    gather_segments(takes.location)
+    [about] = open_snapshot(takes.place).labels
+    assert done == [{*about.files}, "created"]
 
 
 def test_an_index_whose_creation_was_answered_twice_is_ours(takes, monkeypatch):

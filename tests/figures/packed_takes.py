@@ -1,16 +1,21 @@
 """Takes that have a record and a search array and nothing else, and a plain copy of them."""
 
+import json
+import os
 import shutil
 
 import numpy as np
 
 from storage import open_archive
-from storage.arrays.search import write_search_array
+from storage.arrays.search import lying_search_arrays, write_search_array
+from storage.index.segments import FOLDER
 from storage.publication import Record, new_version, next_number, publish_record
 from storage.schema import JOINTS
 from tasks.retrieval.opening import open_segments, read_lying_takes
 
 ROWS = 69
+MANIFEST = "[0-9]" * 8 + ".json"
+"""Which files are manifests [pattern]."""
 
 
 class PlainTakes:
@@ -108,3 +113,32 @@ def _searched(segment):
         )
         if is_searched
     ]
+
+
+def lying(takes):
+    return {take for take, _ in lying_search_arrays(takes.place)}
+
+
+def files(takes, pattern="*"):
+    return sorted(takes.place.folder.glob(f"{FOLDER}/{pattern}"))
+
+
+def newest(takes):
+    """The newest manifest."""
+    return files(takes, MANIFEST)[-1]
+
+
+def label(takes):
+    """The label of the first segment of the newest snapshot."""
+    return takes.place.folder / json.loads(newest(takes).read_text())["segments"][0]["label"]
+
+
+def fill(takes, count=7):
+    for number in range(count):
+        takes.publish(f"take{number}", 32 + 17 * number)  # some whole numbers of blocks
+
+
+def aged(takes):
+    """Let the folders of records be as old as those of an archive are that nobody writes to."""
+    for path in takes.place.folder.glob("published/*"):
+        os.utime(path, ns=(10**18, 10**18 + len(path.name)))

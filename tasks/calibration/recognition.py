@@ -1,7 +1,8 @@
 """Which board is in some pictures: a checkerboard or a ChArUco board, of how many corners.
 
-Markers of a ChArUco board are numbered row by row, so that where they are tells how many stand in a
-row; of a checkerboard the largest grid counts that is seen more than once.
+Markers of a ChArUco board (Garrido-Jurado et al. 2014) are numbered row by row, so that where they
+are tells how many stand in a row; of a checkerboard the largest grid counts that is seen more than
+once.
 """
 
 from collections import Counter

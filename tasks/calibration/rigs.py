@@ -92,7 +92,8 @@ def solve_poses(
     """Return camera from board, (4, 4), the likeliest first.
 
     A flat board that is small in the picture looks nearly the same tilted one way and the other:
-    the second is returned where its error is at most `within` times that of the first.
+    the second is returned where its error is at most `within` times that of the first
+    (Collins and Bartoli 2014).
     """
     points = board.points_m[view.corners]
     flat = cv2.undistortPoints(view.pixel[:, None], matrix_of(lens), lens[4:])

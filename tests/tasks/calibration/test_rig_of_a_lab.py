@@ -67,8 +67,8 @@ def test_with_the_makers_lenses_cameras_are_where_the_makers_put_them(makers):
     lenses, poses, corners, _ = makers
     rig, rms, _ = adjusted(lenses, corners, lenses_stay=True)
     assert rms.max() < 0.7  # their corners are whole pixels
-    assert apart(rig, poses)[:, 0].max() < 60
-    assert apart(rig, poses)[:, 1].max() < 1.0
+    assert apart(rig, poses)[:, 0].max() < 12
+    assert apart(rig, poses)[:, 1].max() < 0.2
 
 
 def test_one_board_gives_lenses_roughly_and_says_so(makers):

@@ -39,8 +39,11 @@ usual action cameras are within."""
 _STEPS = 60
 """How often lenses and poses are moved at most [steps]. Usual are five to fifteen."""
 _FIRST_DAMPING, _LARGEST_DAMPING, _SMALLEST = 1e-4, 1e8, 1e-12
+"""Damping of the first step, the one at which no step gains any more, and what keeps a matrix from
+being singular, as shares of its diagonal. Usual; the outcome hardly depends on them."""
 _ENOUGH = 1e-5
-"""Share of the cost that a step has to gain for another one to be made."""
+"""Share of the cost that a step has to gain for another one to be made. Chosen: less
+moves no camera by a tenth of a millimetre."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tasks.calibration.boards import Board
 
 LENS_NUMBERS = 9
-"""How many numbers a lens has: two focal lengths, two of its middle, five of its distortion."""
+"""How many numbers a lens has: two focal lengths, two of its middle, five of its distortion.
+Of OpenCV's model."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from tests.figures.board_pictures import board_poses, film_board, lying, ring
 from tests.figures.films import write_film
 from tests.tasks.calibration.test_solving import errors
 
-CHECKERS = Board(6, 5, 0.12)
+CHECKERS = Board(6, 5, 0.13)
 CHARUCO = Board(5, 4, 0.15, "DICT_4X4_50")
 
 
@@ -27,7 +27,7 @@ def poses_of(board, count=8):
 
 @pytest.fixture(scope="module")
 def cameras():
-    return ring(3, size=(360, 270), focal=400, radius=2.6)
+    return ring(3, size=(360, 270), focal=320, radius=2.2, height=1.9, spread=0.45)
 
 
 def filmed(board, cameras, poses):
@@ -63,21 +63,21 @@ def calibrate(capsys, *arguments):
 def test_pictures_become_a_calibration(tmp_path, capsys, cameras, checkers):
     folder = write_pictures(tmp_path / "boards", checkers)
     (folder / "calibration.toml").write_text("mine")
-    code, out, err = calibrate(capsys, folder, "--square-m", 0.12)
+    code, out, err = calibrate(capsys, folder, "--square-m", 0.13)
     assert (code, out) == (3, "")
     assert "is there already; move it away, or replace it with --force" in err
     assert (folder / "calibration.toml").read_text() == "mine"
 
-    code, out, err = calibrate(capsys, folder, "--square-m", 0.12, "--force")
+    code, out, err = calibrate(capsys, folder, "--square-m", 0.13, "--force")
     assert (code, err) == (0, "")
-    assert out.startswith("checkerboard of 6x5 corners, squares of 120 mm\ncamera ")
+    assert out.startswith("checkerboard of 6x5 corners, squares of 130 mm\ncamera ")
     assert "BAD" not in out
     assert "Nothing says where the floor is" not in out
     found, notes = read_calibration(folder / "calibration.toml")
     assert notes == []
     assert [camera.name for camera in found] == ["cam1", "cam2", "cam3"]
     off = errors(found, cameras, CHECKERS)
-    assert off[:, 0].max() < 25  # mm, of 2.6 m, in pictures of 360 x 270
+    assert off[:, 0].max() < 25  # mm, of 2.4 m, in pictures of 360 x 270
     assert off[:, 1].max() < 0.6
     assert off[:, 2].max() < 1.0
     for camera in cameras:
@@ -116,10 +116,10 @@ def test_the_side_of_a_square_is_asked_for(tmp_path, capsys, checkers):
 
 def test_a_wrong_size_is_told_with_the_right_one(tmp_path, capsys, checkers):
     folder = write_pictures(tmp_path, checkers)
-    code, _, err = calibrate(capsys, folder, "--square-m", 0.12, "--board", "5x4")
+    code, _, err = calibrate(capsys, folder, "--square-m", 0.13, "--board", "5x4")
     assert code == 3
     assert "the board in the pictures has 6x5 corners, and 5x4 were given: give --board 6x5" in err
-    code, _, err = calibrate(capsys, folder, "--square-m", 0.12, "--board", "7x6")
+    code, _, err = calibrate(capsys, folder, "--square-m", 0.13, "--board", "7x6")
     assert code == 3
     assert "the board in the pictures has 6x5 corners, and 7x6 were given (corners between" in err
 
@@ -136,7 +136,7 @@ def test_a_wrong_size_is_told_with_the_right_one(tmp_path, capsys, checkers):
 )
 def test_options_that_mean_nothing_are_refused(tmp_path, capsys, checkers, options, words):
     write_pictures(tmp_path, {name: pictures[:3] for name, pictures in checkers.items()})
-    code, out, err = calibrate(capsys, tmp_path, "--square-m", "0.12", *options)
+    code, out, err = calibrate(capsys, tmp_path, "--square-m", "0.13", *options)
     assert (code, out) == (2, "")
     assert words in err
 
@@ -148,22 +148,22 @@ def test_all_faults_of_the_files_are_named_at_once(tmp_path, capsys, checkers):
     (folder / "floor").mkdir()
     shutil.copy(folder / "cam1" / "floor.png", folder / "floor" / "other.png")
     (folder / "capture.toml").write_text("[video]\noffset_s = { cam7 = 1 }\n")
-    code, _, err = calibrate(capsys, folder, "--square-m", 0.12)
+    code, _, err = calibrate(capsys, folder, "--square-m", 0.13)
     assert code == 3
     for words in ("cam2.mp4", "cam1.avi is empty", "other.png is of no camera", "offset of 'cam7'"):
         assert words in err
-    code, _, err = calibrate(capsys, tmp_path / "none", "--square-m", 0.12)
+    code, _, err = calibrate(capsys, tmp_path / "none", "--square-m", 0.13)
     assert code == 3
     assert "none is no folder" in err
     (tmp_path / "empty").mkdir()
-    code, _, err = calibrate(capsys, tmp_path / "empty", "--square-m", 0.12)
+    code, _, err = calibrate(capsys, tmp_path / "empty", "--square-m", 0.13)
     assert code == 3
     assert "holds no film and no pictures" in err
 
 
 def test_pictures_without_a_board_are_refused(tmp_path, capsys, checkers):
     blank = {name: np.full_like(pictures[:2], 120) for name, pictures in checkers.items()}
-    code, _, err = calibrate(capsys, write_pictures(tmp_path, blank), "--square-m", 0.12)
+    code, _, err = calibrate(capsys, write_pictures(tmp_path, blank), "--square-m", 0.13)
     assert code == 3
     assert "no checkerboard or ChArUco board is found" in err
 
@@ -184,7 +184,7 @@ def test_what_is_wrong_with_each_camera_is_named(tmp_path, capsys, checkers):
     write_pictures(tmp_path, {"good": checkers["cam2"], "small": small, "cut": cut})
     write_pictures(tmp_path, {"sizes": checkers["cam1"][:2]})
     write_png(tmp_path / "sizes" / "other.png", checkers["cam1"][0][:-10])
-    code, out, _ = calibrate(capsys, tmp_path, "--square-m", 0.12)
+    code, out, _ = calibrate(capsys, tmp_path, "--square-m", 0.13)
     assert code == 3
     assert "BAD camera 'small': the checkerboard of 6x5 corners is found in none of 9 pictures: it is too small, its squares have" in out  # fmt: skip  # noqa: E501
     assert "BAD camera 'cut': the checkerboard of 6x5 corners is found in none of 9 pictures: it is never whole, at most" in out  # fmt: skip  # noqa: E501

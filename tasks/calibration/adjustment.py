@@ -8,12 +8,13 @@ usual.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from tasks.calibration.boards import Board
 from tasks.calibration.rigs import LENS_NUMBERS, Rig, View, matrix_of, pose_of, vector_of
@@ -38,8 +39,11 @@ usual action cameras are within."""
 _STEPS = 60
 """How often lenses and poses are moved at most [steps]. Usual are five to fifteen."""
 _FIRST_DAMPING, _LARGEST_DAMPING, _SMALLEST = 1e-4, 1e8, 1e-12
+"""Damping of the first step, the one at which no step gains any more, and what keeps a matrix from
+being singular, as shares of its diagonal. Usual; the outcome hardly depends on them."""
 _ENOUGH = 1e-5
-"""Share of the cost that a step has to gain for another one to be made."""
+"""Share of the cost that a step has to gain for another one to be made. Chosen: less
+moves no camera by a tenth of a millimetre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +209,7 @@ class _Prior:
         self._middle = (np.asarray(sizes, float) - 1) / 2
         self._width = np.asarray(sizes, float)[:, :1]
         self._free = layout.lens >= 0
-        rows = [self._rows(camera) for camera in np.flatnonzero(self._free)]
+        rows = [self._rows(camera) for camera in np.flatnonzero(self._free).tolist()]
         columns = np.concatenate(
             [np.arange(LENS_NUMBERS) + at for at in layout.lens if at >= 0] or [[]]
         )
@@ -268,10 +272,10 @@ def _slopes(
         board = vector_of(rig.world_from_board[view.moment])
         camera = vector_of(rig.camera_from_world[view.camera])
         turn, shift, *parts = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
-        by_board = np.block([[parts[0], parts[1]], [parts[4], parts[5]]])
-        by_camera = np.block([[parts[2], parts[3]], [parts[6], parts[7]]])
+        by_board = _side_by_side(parts[0], parts[1], parts[4], parts[5])
+        by_camera = _side_by_side(parts[2], parts[3], parts[6], parts[7])
         _, slope = cv2.projectPoints(points[view.corners], turn, shift, matrix_of(lens), lens[4:])
-        slope = slope / NOISE_PX
+        slope = np.asarray(slope, np.float64) / NOISE_PX
         for at, block in (
             (layout.lens[view.camera], slope[:, 6:]),
             (layout.camera[view.camera], slope[:, :6] @ by_camera),
@@ -287,6 +291,13 @@ def _slopes(
             blocks.append((row, layout.size, (along * shapes[:, None]).reshape(len(slope), 3)))
         row += len(slope)
     return blocks, row
+
+
+def _side_by_side(*parts: Any) -> NDArray[np.float64]:
+    """Return four (3, 3) slopes as one of six numbers by six."""
+    whole = np.empty((6, 6))
+    whole[:3, :3], whole[:3, 3:], whole[3:, :3], whole[3:, 3:] = parts
+    return whole
 
 
 def _bend_shapes(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -307,7 +318,7 @@ def _stacked(
     row = np.concatenate([(r + np.indices(b.shape)[0]).ravel() for r, _, b in everything])
     column = np.concatenate([(c + np.indices(b.shape)[1]).ravel() for _, c, b in everything])
     value = np.concatenate([b.ravel() for _, _, b in everything])
-    return coo_matrix((value, (row, column)), shape=(total, columns)).tocsr()
+    return csr_matrix((value, (row, column)), shape=(total, columns))
 
 
 def _judged(
@@ -318,7 +329,7 @@ def _judged(
     blocks, rows = _slopes(rig, views, points, layout, bends=True)
     slope = _stacked(blocks, prior, rows, layout.size + 3)
     noise = 1.4826 * float(np.median(abs(off)))
-    weights = np.ones(slope.shape[0])
+    weights = np.ones(len(off) + prior.slope.shape[0] * LENS_NUMBERS)
     weights[:rows] = 1 / np.sqrt(1 + (off / _FAR) ** 2)
     errors = np.concatenate([off, prior.off(rig.lenses)])
     weighted = slope.multiply(weights[:, None]).tocsr()

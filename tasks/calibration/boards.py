@@ -29,6 +29,8 @@ _WINDOW = 0.4
 """Share of the distance of two corners in which one is looked for more exactly. Less than a half,
 so that no neighbor is in it."""
 _LARGEST_WINDOW_PX = 11
+"""Half a side of the window in which a corner is looked for, at most [px]. Usual; larger ones reach
+into what a bent lens no longer shows straight."""
 _SEARCH = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 _EXACT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
 

@@ -19,11 +19,14 @@ _NEW = 0.25
 """How far a view is from all others when it counts as new, as a share of the picture, or of the
 change of a tilt by a right angle. Chosen by eye."""
 _TIE = 0.5
-"""How much the first moment that two cameras share counts, in new views."""
+"""How much the first moment that two cameras share counts, in new views. Chosen: a
+camera without a tie is lost, one with a view fewer is not."""
 _ENOUGH = 0.1
-"""The least that another moment has to bring, in new views."""
+"""The least that another moment has to bring, in new views. Chosen: less is a view that is
+there already."""
 _CELLS = (8, 6)
-"""Parts of a picture, side by side and one below the other, that corners should be in."""
+"""Parts of a picture, side by side and one below the other, that corners should be in. Chosen:
+square in most pictures, and as fine as a board held far away."""
 
 
 def choose_moments(

@@ -36,8 +36,11 @@ wide]. Corners of a still board are off by 0.1 to 0.3."""
 _BEND = 0.004
 """Bend of a board that is a fault, as a share of its diagonal. Chosen: 2 mm of half a metre."""
 _SURE = 5.0
-"""How many times its standard error a bend has to be."""
+"""How many times its standard error a bend has to be. Usual for what must not be said
+wrongly."""
 _FEW_TIES = 3
+"""With fewer moments that it shares a camera is said to be tied loosely [moments]. Chosen: one
+fixes its place, three show that it is right."""
 _SIDES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom",
           "lower right")  # fmt: skip
 

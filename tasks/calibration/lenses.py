@@ -56,8 +56,8 @@ def _first_guess(
     views: Sequence[View], board: Board, size: tuple[int, int], aspect: float
 ) -> NDArray[np.float64]:
     """Return the lens that fits best of those found from several focal lengths."""
-    points = [np.float32(board.points_m[view.corners]) for view in views]
-    pixels = [np.float32(view.pixel) for view in views]
+    points = [board.points_m[view.corners].astype(np.float32) for view in views]
+    pixels = [view.pixel.astype(np.float32) for view in views]
     best, least = np.zeros(LENS_NUMBERS), np.inf
     for guess in _GUESSES:
         start = np.diag([guess * size[0], guess * size[0] * aspect, 1.0])

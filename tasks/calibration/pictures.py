@@ -18,6 +18,7 @@ _PALE = 0.55
 """How much white is laid over the picture. Chosen by eye: dots stand out."""
 _UNSEEN = RED
 _BAND_PX = 34
+"""Height of the band with the title [px]. Chosen by eye."""
 
 
 def draw_coverage(

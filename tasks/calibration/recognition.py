@@ -1,7 +1,8 @@
 """Which board is in some pictures: a checkerboard or a ChArUco board, of how many corners.
 
-Markers of a ChArUco board are numbered row by row, so that where they are tells how many stand in a
-row; of a checkerboard the largest grid counts that is seen more than once.
+Markers of a ChArUco board (Garrido-Jurado et al. 2014) are numbered row by row, so that where they
+are tells how many stand in a row; of a checkerboard the largest grid counts that is seen more than
+once.
 """
 
 from collections import Counter
@@ -26,11 +27,15 @@ _SAME = 3
 """After how many pictures of one board no more are looked at [pictures]. Chosen: two agree by
 chance where a board is half outside, three hardly."""
 _MOST_SQUARES = 20
+"""How many squares a row of a ChArUco board has at most [squares]. Chosen: usual are 5 to 14."""
 _FITS = 0.12
 """How far the middle of a marker may be from where a board of so many squares has it [squares].
 Half of a square's row is 1; a bent lens moves it by some hundredths."""
 _LONGEST_SIDE_PX = 1000
+"""Pictures are looked at in this size at most [px]. As the corners are searched."""
 _SMALLEST = (3, 3)
+"""The smallest grid of corners that is looked for, side by side and one below the other. OpenCV
+looks for no smaller one."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tasks.calibration.boards import Board
 
 LENS_NUMBERS = 9
-"""How many numbers a lens has: two focal lengths, two of its middle, five of its distortion."""
+"""How many numbers a lens has: two focal lengths, two of its middle, five of its distortion.
+Of OpenCV's model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ def pose_of(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def vector_of(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the six numbers of a (4, 4) pose."""
-    return np.concatenate([cv2.Rodrigues(pose[:3, :3])[0].ravel(), pose[:3, 3]])
+    turn = np.asarray(cv2.Rodrigues(pose[:3, :3])[0], np.float64)
+    return np.concatenate([turn.ravel(), pose[:3, 3]])
 
 
 def residuals(rig: Rig, views: Sequence[View], board: Board) -> list[NDArray[np.float64]]:
@@ -91,7 +93,8 @@ def solve_poses(
     """Return camera from board, (4, 4), the likeliest first.
 
     A flat board that is small in the picture looks nearly the same tilted one way and the other:
-    the second is returned where its error is at most `within` times that of the first.
+    the second is returned where its error is at most `within` times that of the first
+    (Collins and Bartoli 2014).
     """
     points = board.points_m[view.corners]
     flat = cv2.undistortPoints(view.pixel[:, None], matrix_of(lens), lens[4:])
@@ -99,7 +102,7 @@ def solve_poses(
         points, flat, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_IPPE
     )
     poses = [
-        pose_of(np.concatenate([turn.ravel(), shift.ravel()]))
+        pose_of(np.concatenate([turn.ravel(), shift.ravel()]).astype(np.float64))
         for turn, shift in zip(turns, shifts, strict=True)
     ][:found]
     sure = [
@@ -107,4 +110,5 @@ def solve_poses(
         for pose, error in zip(poses, np.ravel(errors), strict=False)
         if error <= within * max(float(np.ravel(errors)[0]), 1e-9)
     ]
-    return [pose for pose in sure if np.isfinite(pose).all()]
+    # corners on a line, where something else was taken for the board: a view to be left out
+    return [pose for pose in sure if np.isfinite(pose).all()] or [pose_of(np.eye(6)[5])]

@@ -29,7 +29,8 @@ _MOST_MOMENTS = 12
 """How many moments of a pair are looked at [moments]. Chosen: the right one is among what they
 give, and twelve that fit are no chance."""
 _APART = np.radians(10.0)
-"""How much two placements of a camera differ that are no longer the same [rad]."""
+"""How much two placements of a camera differ that are no longer the same [rad]. Chosen: the other
+tilt of a board is 20 degrees and more away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ def place_boards(
     turns = board.turns()
     for moment, of_this in of_moment.items():
         seen = [_flattened(view, lenses[view.camera], board, mirror=False) for view in of_this]
-        least = np.inf
+        least, best = np.inf, [0] * len(of_this)
         for view, each in zip(of_this, seen, strict=True):
             for pose in each.poses:
                 world = np.linalg.inv(placed[view.camera]) @ pose
@@ -201,7 +202,8 @@ def _flattened(view: View, lens: NDArray[np.float64], board: Board, *, mirror: b
 
 
 def _undistorted(pixel: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[np.float64]:
-    return cv2.undistortPoints(pixel[:, None], matrix_of(lens), lens[4:])[:, 0]
+    flat = cv2.undistortPoints(pixel[:, None], matrix_of(lens), lens[4:])
+    return np.asarray(flat, np.float64)[:, 0]
 
 
 def _off(

@@ -12,11 +12,20 @@ _FINE = 2
 _SQUARE_PX = 24
 
 
-def ring(count, *, size=(320, 240), focal=330.0, radius=3.0, height=1.6, target=(0.0, 0.9, 0.0)):
+def ring(
+    count,
+    *,
+    size=(320, 240),
+    focal=330.0,
+    radius=3.0,
+    height=1.6,
+    target=(0.0, 0.9, 0.0),
+    spread=0.8,
+):
     """Cameras in a half ring around a stage, y up, each with its own lens."""
     cameras = []
     for n in range(count):
-        angle = np.pi * (n / max(count - 1, 1) - 0.5) * 0.8
+        angle = np.pi * (n / max(count - 1, 1) - 0.5) * spread
         place = np.array([radius * np.sin(angle), height + 0.2 * (n % 3), radius * np.cos(angle)])
         like = looking_at(f"cam{n + 1}", place, target)
         f = focal * (1 + 0.03 * (n % 3))
@@ -40,7 +49,7 @@ def board_poses(count, *, seed=0, spread=0.5, middle=(0.0, 1.0, 0.3), tilt=0.7):
     return np.array(poses)
 
 
-def lying(board, place=(0.1, 0.0, 0.2), turned=0.3):
+def lying(board, place=(0.1, 0.0, -0.2), turned=0.3):
     """(4, 4) world from board: on the floor, its middle at a place, the front up."""
     pose = np.eye(4)
     spin = cv2.Rodrigues(np.array([0.0, turned, 0.0]))[0]

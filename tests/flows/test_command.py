@@ -30,7 +30,7 @@ from tasks.takes.publishing import publish_take
 
 COMMANDS = (
     *("demo", "ingest", "serve", "plan", "render", "takes", "show", "path", "search", "index"),
-    *("view", "report", "export", "verify", "gc", "doctor", "settings"),
+    *("view", "report", "export", "calibrate", "verify", "gc", "doctor", "settings"),
 )
 
 

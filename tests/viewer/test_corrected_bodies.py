@@ -61,12 +61,12 @@ def test_what_is_corrected_on_the_page_is_what_the_take_is_digitized_by(
     wait(page, "() => window.shosa?.bodyModel?.labels?.length > 0")
     shares = page.evaluate("() => window.shosa.bodyModel.shares")
     page.locator("[data-joint=RElbow]").focus()
-    for _ in range(6):
+    for _ in range(2):  # some 5 cm
         page.keyboard.press("Shift+ArrowRight")
     lower = SEGMENTS.index("RForeArm")
     wait(
         page,
-        "([k, share]) => Math.abs(window.shosa.bodyModel.shares[k] - share) > 0.003",
+        "([k, share]) => Math.abs(window.shosa.bodyModel.shares[k] - share) > 0.0005",
         [lower, shares[lower]],
     )
     page.click("[data-control=save]")

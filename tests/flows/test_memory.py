@@ -214,6 +214,12 @@ def test_only_a_recordings_own_faults_are_refusals(ingest, archive, file, write_
 def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
     """For the flow, for the files that went in together, and for the take; green has all in."""
     from prefect.client.orchestration import get_client
+    from prefect.client.schemas.filters import (
+        FlowRunFilter,
+        FlowRunFilterId,
+        LogFilter,
+        LogFilterFlowRunId,
+    )
     from prefect.logging.handlers import APILogWorker
 
     from flows.ingestion import ingest_archive
@@ -227,8 +233,10 @@ def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
     run = state.state_details.flow_run_id
     APILogWorker.drain_all()
     with get_client(sync_client=True) as client:
-        mine = {each.name: each for each in client.read_task_runs() if each.flow_run_id == run}
-        logs = [each.message for each in client.read_logs() if each.flow_run_id == run]
+        of_run = FlowRunFilter(id=FlowRunFilterId(any_=[run]))
+        mine = {each.name: each for each in client.read_task_runs(flow_run_filter=of_run)}
+        lines = client.read_logs(LogFilter(flow_run_id=LogFilterFlowRunId(any_=[run])))
+    logs = [each.message for each in lines]
     assert set(mine) == {"ingest broken and 1 more", "ingest broken"}
     assert all(each.state.is_failed() for each in mine.values())
     assert mine["ingest broken and 1 more"].state.message == state.message

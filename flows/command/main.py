@@ -6,6 +6,7 @@ sub-commands that need them; a search does not.
 """
 
 import argparse
+import gc
 import io
 import logging
 import os
@@ -242,7 +243,11 @@ def _settings(options: argparse.Namespace) -> int:
 
 
 def _takes(options: argparse.Namespace) -> int:
-    listing = open_archive(options.archive).listing()
+    gc.disable()  # it would walk 100,000 takes again and again, of which none becomes garbage
+    try:
+        listing = open_archive(options.archive).listing()
+    finally:
+        gc.enable()
     printing.print_takes(listing.entries, as_json=options.json)
     for fault in listing.faults.values():
         printing.say(fault)

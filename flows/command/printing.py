@@ -42,13 +42,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print rows under their heads; heads that begin with ">" stand to the right."""
     right = [head.startswith(">") for head in heads]
     names = [head.lstrip(">") for head in heads]
-    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
-    for row in (names, *rows):
-        cells = [
-            text.rjust(width) if to_right else text.ljust(width)
-            for text, width, to_right in zip(row, widths, right, strict=True)
-        ]
-        print("  ".join(cells).rstrip())
+    columns = []
+    for column, to_right in zip(zip(names, *rows, strict=True), right, strict=True):
+        width = max(map(len, column))
+        pad = str.rjust if to_right else str.ljust
+        columns.append([pad(text, width) for text in column])
+    print("\n".join("  ".join(cells).rstrip() for cells in zip(*columns, strict=True)))
 
 
 def print_takes(records: Sequence[Entry], *, as_json: bool) -> None:

@@ -47,6 +47,8 @@ class OpenedSegment:
             return replace(self, segment=replace(self.segment, summaries={})), {}
         held = self.files.label.samples > 0
         lost = self.files.damaged()[held] & self.segment.searched
+        if not lost.any():  # what was read is of no take that is searched: none is believed
+            lost = self.segment.searched
         names = [name for name, is_lost in zip(self.segment.names, lost, strict=True) if is_lost]
         left = replace(self.segment, searched=self.segment.searched & ~lost)
         return replace(self, segment=left), {

@@ -27,9 +27,9 @@ import numpy as np
 
 from storage import create_archive, open_archive
 from storage.arrays.search import write_search_array
-from storage.index import snapshots
+from storage.index import catalogue, snapshots
 from storage.index.entries import entry_of
-from storage.index.segments import new_rows, write_segment
+from storage.index.segments import new_rows, rewrite_label, write_segment
 from storage.index.snapshots import open_snapshot, publish_snapshot, verify_snapshot
 from storage.places import Place, create_file, write_file
 from storage.publication import Record
@@ -37,7 +37,7 @@ from storage.records import record_content, record_path
 from storage.schema import JOINTS
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.answering import answer_query
-from tasks.retrieval.gathering import gather_segments, gather_when_many, summarize
+from tasks.retrieval.gathering import gather_when_many, summarize
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS, pack_motion
 from tasks.retrieval.opening import SUMMARIZED, places, room
 from tasks.retrieval.searching import SearchSettings
@@ -78,7 +78,6 @@ def measure(location: str, wanted: int) -> None:
     begin = time.perf_counter()
     if made < wanted:
         fill(place, made, wanted, dances)
-        gather_segments(location)  # which takes the stamps of the records into the labels
     say(f"{wanted:,} takes ({time.perf_counter() - begin:.0f} s to make {max(0, wanted - made):,})")
     if place.folder:
         say(f"on disk: {size_of(place.folder / 'index'):.1f} MB in index/")
@@ -158,7 +157,12 @@ def fill(place: Place, made: int, wanted: int, dances: list[np.ndarray]) -> None
         labels.append(
             write_segment(place, entries, nothing, spans, content, summaries, summarized=SUMMARIZED)
         )
-    publish_snapshot(place, before.newest + 1, labels, left=(0, 0))
+    stamps, _ = catalogue._stamps(place)  # known without reading what was just written
+    stamped = [
+        rewrite_label(place, each, each.entries, [stamps[e.take] for e in each.entries])
+        for each, _ in labels
+    ]
+    publish_snapshot(place, before.newest + 1, stamped, left=(0, 0))
 
 
 def write_plainly(place: Place, path: str, content: bytes) -> None:

@@ -81,9 +81,22 @@ def warp(
         Written for the ends in the span: the distance, infinite where no match ends, and the
         match's first frame, of no meaning there.
     """
+    warp_spans(clip, rows, np.array([span]), distance, start, steps=steps)
+
+
+def warp_spans(
+    clip: Clip,
+    rows: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    distance: NDArray[np.float32],
+    start: NDArray[np.int32],
+    *,
+    steps: str = "slope",
+) -> None:
+    """Write the best matches that end in many spans, a row of `spans` each, as `warp` one's."""
     view = np.ascontiguousarray(rows).view()
     view.flags.writeable = False  # one type, mapped or not: compiled once
-    _warp(clip, view, span, distance, start, steps == "slope")
+    _warp(clip, view, spans, distance, start, steps == "slope")
 
 
 def select_matches(
@@ -150,9 +163,9 @@ def _add_three_joints(q: Any, weights: Any, tile: Any, d: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any) -> None:
-    """Copy the frames from `first` on into the tile, less their origin; after `end`, NaN."""
-    n = min(tile.shape[1], end - first)
+def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any, wide: Any) -> None:
+    """Copy the frames from `first` on into the tile, less their origin; from `end` on, NaN."""
+    n = min(wide, end - first)
     for c in range(len(columns)):
         row, origin, lanes = rows[columns[c, 0]], rows[columns[c, 1]], tile[c]
         if columns[c, 1] < 0:
@@ -161,7 +174,7 @@ def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any) -> None
         else:
             for j in range(n):
                 lanes[j] = row[first + j] - origin[first + j]
-        for j in range(n, len(lanes)):
+        for j in range(n, wide):
             lanes[j] = np.nan
 
 
@@ -220,21 +233,36 @@ def _step_paper(x: Any, g: Any, s: Any, n: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _warp(clip: Any, rows: Any, span: Any, distance: Any, start: Any, slope: Any) -> None:
-    """Warp tile after tile; `edge` holds the columns left of the tile, a row a query frame."""
-    query, weights, columns = clip
-    frames = len(query)
-    begin, written, end = span
-    width = min(_TILE, (end - begin + _LANES - 1) // _LANES * _LANES)
+def _warp(clip: Any, rows: Any, spans: Any, distance: Any, start: Any, slope: Any) -> None:
+    """Warp span after span."""
+    widest = 0
+    for span in spans:
+        widest = max(widest, span[2] - span[0])
+    width = min(_TILE, (widest + _LANES - 1) // _LANES * _LANES)
+    query = clip[0]
     tile = np.empty((query.shape[1], width), np.float32)
     d = np.empty((2, width + 2), np.float32)
     g = np.empty((3, width + 2), np.float32)
     s = np.zeros((3, width + 2), np.int32)
-    edge = np.full((frames, 3), _INF, np.float32)
-    edge_start = np.zeros((frames, 2), np.int32)
+    edge = np.empty((len(query), 3), np.float32)
+    edge_start = np.zeros((len(query), 2), np.int32)
+    for span in spans:
+        edge[:] = _INF
+        work = tile, d, g, s, edge, edge_start
+        _warp_span(clip, rows, span, work, (distance, start), slope)
+
+
+@njit(cache=True, nogil=True)
+def _warp_span(clip: Any, rows: Any, span: Any, work: Any, out: Any, slope: Any) -> None:
+    """Warp tile after tile; `edge` holds the columns left of the tile, a row a query frame."""
+    query, weights, columns = clip
+    tile, d, g, s, edge, edge_start = work
+    distance, start = out
+    frames, width = len(query), tile.shape[1]
+    begin, written, end = span[0], span[1], span[2]
     for first in range(begin, end, width):
         n = min(width, (end - first + _LANES - 1) // _LANES * _LANES)
-        _load_tile(rows, columns, first, end, tile)
+        _load_tile(rows, columns, first, end, tile, n)
         g[:] = _INF
         for i in range(frames):
             x, e = d[i % 2], d[(i + 1) % 2]

@@ -174,6 +174,17 @@ def margin(clip: CoarseClip, threshold: float) -> tuple[float, float]:
     return weight * (scan + sums * (threshold + float(clip.alpha.max()))), weight * sums * 3
 
 
+def nearest_match(
+    clip: CoarseClip, threshold: float, excess: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Return how near a match with at least such an excess is at least [statures].
+
+    Its weights come to at least I + I // 2, and the margin of the excess is that of a scan too.
+    """
+    weight = clip.frames + clip.frames // 2
+    return threshold + np.minimum(excess.astype(np.float64), 0) / clip.scale / weight
+
+
 def bound_ends(
     clip: CoarseClip,
     mean: NDArray[np.int16],
@@ -296,7 +307,9 @@ def _bound(query: Any, places: Any, arrays: Any, spans: Any, options: Any, exces
             wide = (n + _LANES - 1) // _LANES * _LANES
             end = _REACH + wide * UNITS
             _load_blocks(places, arrays, first, first + n, tile, wide)
-            greatest = max(greatest, _load_spreads(w, places, arrays, first, first + n, beta[:wide]))
+            greatest = max(
+                greatest, _load_spreads(w, places, arrays, first, first + n, beta[:wide])
+            )
             source = g[0]
             source[:_REACH] = edge_g[0]
             for b in range(wide):

@@ -298,7 +298,7 @@ def _bound(query: Any, places: Any, arrays: Any, spans: Any, options: Any, exces
     g = np.empty((2, _TILE * UNITS + _REACH), np.float32)
     none = np.zeros(_TILE * UNITS + _REACH, np.float32)
     edge_e = np.empty((blocks, _REACH), np.float32)
-    edge_g = np.empty((blocks + 1, _REACH), np.float32)
+    edge_g = np.empty((blocks, _REACH), np.float32)
     for s in range(len(spans)):
         edge_e[:], edge_g[:] = _FAR, _FAR
         greatest = np.float32(0)
@@ -310,12 +310,10 @@ def _bound(query: Any, places: Any, arrays: Any, spans: Any, options: Any, exces
             greatest = max(
                 greatest, _load_spreads(w, places, arrays, first, first + n, beta[:wide])
             )
-            source = g[0]
-            source[:_REACH] = edge_g[0]
             for b in range(wide):
                 begin = -np.float32(length - 1) * beta[b]
                 for q in range(UNITS):
-                    source[_REACH + b * UNITS + q] = begin
+                    g[0, _REACH + b * UNITS + q] = begin
             for a in range(blocks):
                 now, before = e[a % 2, :end], e[(a + 1) % 2, :end]
                 source, target = g[a % 2, :end], g[(a + 1) % 2, :end]

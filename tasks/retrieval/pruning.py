@@ -6,8 +6,8 @@ match may begin: not fewer, for a scan takes the start with the least sum, be it
 start. So what is found is the scan's to the last bit. Where the first bound leaves so much that the
 rest would cost more than a scan, all is scanned.
 
-Everything here is a function of the query, a portion and a distance: portions can be searched in any
-order, on any machine.
+Everything here is a function of the query, a portion and a distance: portions can be searched
+in any order, on any machine.
 """
 
 import math
@@ -33,7 +33,7 @@ _JOINT, _CELL, _COARSE_JOINT, _COARSE_CELL = 0.30, 1.05, 0.35, 7.0
 """What a joint's distance and the rest of a pair of frames cost, and of a pair of blocks. Measured,
 in nanoseconds; only their ratios count."""
 _LEFT_BY_FINE = 0.3
-"""Which share of what the second bound looks at is warped. Chosen from measurements (make bench)."""
+"""Which share of what the second bound looks at is warped. Chosen from what was measured."""
 _MANY = 1 << 12
 """From how many matches on only those are kept that can be among the best."""
 _GAIN = 0.9
@@ -159,7 +159,7 @@ def pays(portion: Portion, live: Sequence[Live]) -> bool:
     looked_at = 0
     for part in live:
         spans = spans_before(portion, part.block, COARSE)
-        looked_at += int((spans[:, 2] - spans[:, 0]).sum()) * COARSE if len(part.block) else 0
+        looked_at += int((spans[:, 2] - spans[:, 0]).sum()) * COARSE
     STATS["live8"] = sum(len(p.block) for p in live) * COARSE / portion.samples
     STATS["looked_at"] = looked_at / portion.samples
     STATS["exact"] = 0
@@ -317,6 +317,8 @@ def spans_before(portion: Portion, block: NDArray[np.int64], length: int) -> NDA
     (span, 3) int64
         Apart from each other: the first block, the first of the given, and the one after the last.
     """
+    if not len(block):
+        return np.empty((0, 3), np.int64)
     first = portion.segment.first
     begin = first[np.searchsorted(first, block * length, "right") - 1]  # no match begins before
     begin = np.maximum(begin, block * length - warm_up(portion.frames)) // length

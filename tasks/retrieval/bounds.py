@@ -182,7 +182,8 @@ def nearest_match(
     Its weights come to at least I + I // 2, and the margin of the excess is that of a scan too.
     """
     weight = clip.frames + clip.frames // 2
-    return threshold + np.minimum(excess.astype(np.float64), 0) / clip.scale / weight
+    below = np.minimum(excess.astype(np.float64), 0) / clip.scale / weight
+    return np.maximum(threshold + below, 0)
 
 
 def bound_ends(

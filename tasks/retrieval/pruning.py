@@ -32,14 +32,16 @@ _JOB_IN_QUERIES = 16
 _JOINT, _CELL, _COARSE_JOINT, _COARSE_CELL = 0.30, 1.05, 0.35, 7.0
 """What a joint's distance and the rest of a pair of frames cost, and of a pair of blocks. Measured,
 in nanoseconds; only their ratios count."""
-_LEFT_BY_FINE = 0.3
-"""Which share of what the second bound looks at is warped. Chosen from what was measured."""
 _MANY = 1 << 12
 """From how many matches on only those are kept that can be among the best."""
-_GAIN = 0.9
-"""What pruning must cost of a scan at most, to be tried."""
-
-STATS: dict = {}
+_GAIN = 0.8
+"""What pruning must be expected to cost of a scan at most. Chosen: what is expected errs."""
+_CERTAIN_GAIN = 0.25
+"""Up to which share of a scan even the greatest cost of pruning needs no trial. Chosen."""
+_TRIED = 8
+"""Of how many windows one is tried. Chosen: it costs a fiftieth of a scan then."""
+_WINDOW = 8
+"""How long a window of a trial is [times the frames in which a match may begin]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +125,8 @@ def find_candidates(portion: Portion, threshold: float, top: int) -> Candidates:
     """
     if math.isfinite(threshold) and portion.coarse:
         live = join_live([bound_job(portion, *job, threshold) for job in bounding_jobs(portion)])
-        if pays(portion, live):
-            return join_candidates([refine(part, threshold)[0] for part in live])
+        if pays(live, threshold):
+            return join_candidates([refine(part, threshold) for part in live])
     found = [scan_job(portion, *job, threshold, top) for job in scanning_jobs(portion)]
     return join_candidates(found)
 
@@ -152,19 +154,34 @@ def bound_cost(frames: int, joints: int, length: int) -> float:
     return frames / length**2 * (joints * _COARSE_JOINT + _COARSE_CELL)
 
 
-def pays(portion: Portion, live: Sequence[Live]) -> bool:
-    """Say whether what the first bound left costs less than a scan."""
+def pays(live: Sequence[Live], threshold: float) -> bool:
+    """Say whether to refine what the first bound left of a portion costs less than a scan.
+
+    How much the second bound leaves is tried on an eighth of it, evenly from all of the portion.
+    """
+    portion = live[0].portion
     frames, joints = portion.frames, len(portion.clips[0][1])
-    scan = scan_cost(frames, joints)
-    looked_at = 0
+    scan, fine = scan_cost(frames, joints), bound_cost(frames, joints, FINE)
+    whole = scan * portion.samples * len(live)
+    looked_at = sum(_samples(spans_before(portion, part.block, COARSE)) for part in live) * COARSE
+    if looked_at * (fine + scan) < _CERTAIN_GAIN * whole:
+        return True
+    if looked_at * fine > _GAIN * whole:
+        return False
+    window = _WINDOW * warm_up(frames) // COARSE
+    tried = warped = 0
     for part in live:
-        spans = spans_before(portion, part.block, COARSE)
-        looked_at += int((spans[:, 2] - spans[:, 0]).sum()) * COARSE
-    STATS["live8"] = sum(len(p.block) for p in live) * COARSE / portion.samples
-    STATS["looked_at"] = looked_at / portion.samples
-    STATS["exact"] = 0
-    refined = looked_at * (bound_cost(frames, joints, FINE) + _LEFT_BY_FINE * scan)
-    return refined < _GAIN * scan * portion.samples * len(portion.clips)
+        kept = part.block // window % _TRIED == _TRIED // 2
+        sample = Live(portion, part.version, part.block[kept], part.nearest[kept])
+        tried += _samples(spans_before(portion, sample.block, COARSE)) * COARSE
+        warped += _samples(spans_before(portion, fine_blocks(sample, threshold), FINE)) * FINE
+    share = warped / tried if tried else 1.0
+    return looked_at * (fine + share * scan) < _GAIN * whole
+
+
+def _samples(spans: NDArray[np.int64]) -> int:
+    """Return how much is in spans."""
+    return int((spans[:, 2] - spans[:, 0]).sum())
 
 
 # ------------------------------------------------------------------ jobs
@@ -239,31 +256,32 @@ def bound_job(portion: Portion, version: int, spans: NDArray[np.int64], threshol
     return Live(portion, version, block, nearest_match(clip, threshold, excess[block]))
 
 
-def refine(live: Live, threshold: float) -> tuple[Candidates, int]:
-    """Return the matches within the threshold that end in live blocks, and what was warped."""
-    portion, version = live.portion, live.version
+def fine_blocks(live: Live, threshold: float) -> NDArray[np.int64]:
+    """Return the blocks of `FINE` samples, of live blocks, in which a match may end."""
+    portion = live.portion
+    mean, spread = (portion.segment.summaries[f"{name}_{FINE}"] for name in ("mean", "spread"))
     block = live.block[live.nearest <= threshold]
     asked = (block[:, None] * (COARSE // FINE) + np.arange(COARSE // FINE)).ravel()
-    mean, spread = (portion.segment.summaries[f"{name}_{FINE}"] for name in ("mean", "spread"))
     asked = asked[asked < mean.shape[1]]
-    if len(asked):
-        clip, spans = portion.coarse[FINE][version], spans_before(portion, asked, FINE)
-        excess = np.empty(mean.shape[1], np.float32)
-        bound_ends(clip, mean, spread, spans, threshold, excess)
-        asked = asked[excess[asked] <= 0]
+    excess = np.empty(mean.shape[1], np.float32)
+    spans = spans_before(portion, asked, FINE)
+    bound_ends(portion.coarse[FINE][live.version], mean, spread, spans, threshold, excess)
+    return asked[excess[asked] <= 0]
+
+
+def refine(live: Live, threshold: float) -> Candidates:
+    """Return the matches within the threshold that end in live blocks."""
+    portion = live.portion
+    asked = fine_blocks(live, threshold)
     if not len(asked):
-        return join_candidates([]), 0
+        return join_candidates([])
     spans = spans_before(portion, asked, FINE) * FINE
     spans[:, 2] = np.minimum(spans[:, 2], portion.segment.rows.shape[1])
-    STATS["exact"] = STATS.get("exact", 0) + int((spans[:, 2] - spans[:, 0]).sum())
-    distance, start = _warp(portion, version, spans)
+    distance, start = _warp(portion, live.version, spans)
     ends = (asked[:, None] * FINE + np.arange(FINE)).ravel()
     ends = ends[ends < len(distance)]
     ends = ends[distance[ends] <= _finite(threshold)]
-    return (
-        _candidates(portion, version, ends, distance, start),
-        int((spans[:, 2] - spans[:, 0]).sum()),
-    )
+    return _candidates(portion, live.version, ends, distance, start)
 
 
 def _finite(threshold: float) -> np.float64:

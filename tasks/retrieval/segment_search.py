@@ -271,7 +271,7 @@ def _prune(
     scanned = [portion for portion in portions if portion not in bounded]
     for portion in bounded:
         parts = pruning.join_live([part for part in left if part.portion is portion])
-        if pruning.pays(portion, parts):
+        if pruning.pays(parts, threshold):
             live += parts
         else:
             scanned.append(portion)
@@ -317,7 +317,7 @@ def _refine(live: list[Live], best: _Best, each: Each) -> Iterator[float]:
         jobs = []
         for part, (low, high) in zip(clusters, itertools.pairwise(offsets), strict=True):
             jobs += part.jobs(in_batch[low:high])
-        for found, _ in each(lambda part: pruning.refine(part, best.threshold), jobs):
+        for found in each(lambda part: pruning.refine(part, best.threshold), jobs):
             best.add(found)
         if last < len(order):
             yield min(best.threshold, float(nearest[order[last]]))

@@ -245,9 +245,9 @@ def _warp(clip: Any, rows: Any, spans: Any, distance: Any, start: Any, slope: An
     g = np.empty((3, width + 2), np.float32)
     s = np.zeros((3, width + 2), np.int32)
     edge = np.empty((len(query), 3), np.float32)
-    edge_start = np.zeros((len(query), 2), np.int32)
+    edge_start = np.empty((len(query), 2), np.int32)
     for span in spans:
-        edge[:] = _INF
+        edge[:], edge_start[:] = _INF, span[0]
         work = tile, d, g, s, edge, edge_start
         _warp_span(clip, rows, span, work, (distance, start), slope)
 

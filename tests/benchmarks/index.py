@@ -174,7 +174,9 @@ def measure(query: Query, segments: list[Segment], settings: SearchSettings, wha
     """Print a line about one query: the scan's time, the pruned search's, and what was left."""
     plain = [replace(segment, summaries={}) for segment in segments]
     samples = sum(segment.rows.shape[1] for segment in segments)
-    scan, expected = _timed(time.process_time, lambda: search_segments(query, plain, settings, threads=1))
+    scan, expected = _timed(
+        time.process_time, lambda: search_segments(query, plain, settings, threads=1)
+    )
     pruned, found = _timed(
         time.process_time, lambda: search_segments(query, segments, settings, threads=1), rounds=2
     )
@@ -190,7 +192,7 @@ def measure(query: Query, segments: list[Segment], settings: SearchSettings, wha
         f"{what} {query.rows.shape[1]:4} frames: scan {scan / samples * 1e9:6.0f} ns/frame, "
         f"pruned {pruned / samples * 1e9:6.0f}, ratio {scan / pruned:5.2f}; two threads {two:.3f} s, "
         f"first answer {shown:.3f} s; tau {tau:.4f}, tau/median {tau / median(query, segments, settings):.2f}"
-        f"  {pruning.STATS}\n"
+        f"\n"
     )
     sys.stdout.flush()
 

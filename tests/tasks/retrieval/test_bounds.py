@@ -128,9 +128,10 @@ def violations(module, query, take, shares=(0.0, 0.3, 0.7, 1.0, 1.6)):
             # a scan's least g is no less than the least excess: what it finds within is left
             near = np.full(blocks * length, np.inf)
             near[: len(take)] = found
-            assert worst > 0 or not (
-                (near.reshape(-1, length).min(axis=1) <= threshold) & (excess > 0)
-            ).any()
+            assert (
+                worst > 0
+                or not ((near.reshape(-1, length).min(axis=1) <= threshold) & (excess > 0)).any()
+            )
             nearest = module.nearest_match(coarse, threshold, excess)
             below = np.minimum(near, threshold).reshape(-1, length).min(axis=1) - nearest
             worst = max(worst, -float(below.min()))

@@ -13,6 +13,7 @@ in any order, on any machine.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ _JOB_IN_QUERIES = 16
 _JOINT, _CELL, _COARSE_JOINT, _COARSE_CELL = 0.30, 1.05, 0.35, 7.0
 """What a joint's distance and the rest of a pair of frames cost, and of a pair of blocks. Measured,
 in nanoseconds; only their ratios count."""
+_NOTHING = np.empty(0)
 _MANY = 1 << 12
 """From how many matches on only those are kept that can be among the best."""
 _GAIN = 0.8
@@ -107,14 +109,30 @@ def make_portion(
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """The blocks of `COARSE` samples in which a match may end, of one version in one portion."""
+    """The blocks of a portion in which a match of one version may end."""
 
     portion: Portion
     version: int
+    length: int
+    """How many samples the blocks have."""
     block: NDArray[np.int64]
     """Ascending."""
     nearest: NDArray[np.float64]
     """How near a match that ends there is at least [statures]."""
+
+    def keep(self, kept: NDArray[Any]) -> "Live":
+        """Return those of a mask, or of places."""
+        block, nearest = self.block[kept], self.nearest[kept]
+        return Live(self.portion, self.version, self.length, block, nearest)
+
+    def spans(self) -> NDArray[np.int64]:
+        """Return spans of blocks, as `spans_before`."""
+        return spans_before(self.portion, self.block, self.length)
+
+    def samples(self) -> int:
+        """Return how many samples there are in the spans."""
+        spans = self.spans()
+        return int((spans[:, 2] - spans[:, 0]).sum()) * self.length
 
 
 def find_candidates(portion: Portion, threshold: float, top: int) -> Candidates:
@@ -126,7 +144,7 @@ def find_candidates(portion: Portion, threshold: float, top: int) -> Candidates:
     if math.isfinite(threshold) and portion.coarse:
         live = join_live([bound_job(portion, *job, threshold) for job in bounding_jobs(portion)])
         if pays(live, threshold):
-            return join_candidates([refine(part, threshold) for part in live])
+            return join_candidates([warp_live(refine(part, threshold), threshold) for part in live])
     found = [scan_job(portion, *job, threshold, top) for job in scanning_jobs(portion)]
     return join_candidates(found)
 
@@ -137,6 +155,7 @@ def join_live(parts: Sequence[Live]) -> list[Live]:
         Live(
             parts[0].portion,
             version,
+            parts[0].length,
             np.concatenate([part.block for part in parts if part.version == version]),
             np.concatenate([part.nearest for part in parts if part.version == version]),
         )
@@ -163,7 +182,7 @@ def pays(live: Sequence[Live], threshold: float) -> bool:
     frames, joints = portion.frames, len(portion.clips[0][1])
     scan, fine = scan_cost(frames, joints), bound_cost(frames, joints, FINE)
     whole = scan * portion.samples * len(live)
-    looked_at = sum(_samples(spans_before(portion, part.block, COARSE)) for part in live) * COARSE
+    looked_at = sum(part.samples() for part in live)
     if looked_at * (fine + scan) < _CERTAIN_GAIN * whole:
         return True
     if looked_at * fine > _GAIN * whole:
@@ -171,17 +190,11 @@ def pays(live: Sequence[Live], threshold: float) -> bool:
     window = _WINDOW * warm_up(frames) // COARSE
     tried = warped = 0
     for part in live:
-        kept = part.block // window % _TRIED == _TRIED // 2
-        sample = Live(portion, part.version, part.block[kept], part.nearest[kept])
-        tried += _samples(spans_before(portion, sample.block, COARSE)) * COARSE
-        warped += _samples(spans_before(portion, fine_blocks(sample, threshold), FINE)) * FINE
+        sample = part.keep(part.block // window % _TRIED == _TRIED // 2)
+        tried += sample.samples()
+        warped += refine(sample, threshold).samples()
     share = warped / tried if tried else 1.0
     return looked_at * (fine + share * scan) < _GAIN * whole
-
-
-def _samples(spans: NDArray[np.int64]) -> int:
-    """Return how much is in spans."""
-    return int((spans[:, 2] - spans[:, 0]).sum())
 
 
 # ------------------------------------------------------------------ jobs
@@ -246,39 +259,42 @@ def scan_job(
 
 def bound_job(portion: Portion, version: int, spans: NDArray[np.int64], threshold: float) -> Live:
     """Return the blocks of spans in which a match within the threshold may end."""
-    clip = portion.coarse[COARSE][version]
-    mean, spread = (portion.segment.summaries[f"{name}_{COARSE}"] for name in ("mean", "spread"))
-    excess = np.empty(mean.shape[1], np.float32)
-    low, high = int(spans[0, 1]), int(spans[-1, 2])
-    excess[low:high] = np.inf
-    bound_ends(clip, mean, spread, spans, threshold, excess)
-    block = low + np.flatnonzero(excess[low:high] <= 0)
-    return Live(portion, version, block, nearest_match(clip, threshold, excess[block]))
+    ends = [np.arange(first, last) for _, first, last in spans.tolist()]
+    return _bound(Live(portion, version, COARSE, np.concatenate(ends), _NOTHING), spans, threshold)
 
 
-def fine_blocks(live: Live, threshold: float) -> NDArray[np.int64]:
-    """Return the blocks of `FINE` samples, of live blocks, in which a match may end."""
-    portion = live.portion
-    mean, spread = (portion.segment.summaries[f"{name}_{FINE}"] for name in ("mean", "spread"))
+def refine(live: Live, threshold: float) -> Live:
+    """Return the blocks of `FINE` samples, of live ones, in which a match may end."""
     block = live.block[live.nearest <= threshold]
-    asked = (block[:, None] * (COARSE // FINE) + np.arange(COARSE // FINE)).ravel()
-    asked = asked[asked < mean.shape[1]]
+    ratio = live.length // FINE
+    asked = (block[:, None] * ratio + np.arange(ratio)).ravel()
+    asked = asked[asked * FINE < live.portion.segment.rows.shape[1]]
+    parts = Live(live.portion, live.version, FINE, asked, _NOTHING)
+    return _bound(parts, parts.spans(), threshold)
+
+
+def _bound(asked: Live, spans: NDArray[np.int64], threshold: float) -> Live:
+    """Return those of the blocks that the bound leaves, and how near what ends there may be."""
+    portion, length = asked.portion, asked.length
+    clip = portion.coarse[length][asked.version]
+    mean, spread = (portion.segment.summaries[f"{name}_{length}"] for name in ("mean", "spread"))
     excess = np.empty(mean.shape[1], np.float32)
-    spans = spans_before(portion, asked, FINE)
-    bound_ends(portion.coarse[FINE][live.version], mean, spread, spans, threshold, excess)
-    return asked[excess[asked] <= 0]
+    bound_ends(clip, mean, spread, spans, threshold, excess)
+    block = asked.block[excess[asked.block] <= 0]
+    nearest = nearest_match(clip, threshold, excess[block])
+    return Live(portion, asked.version, length, block, nearest)
 
 
-def refine(live: Live, threshold: float) -> Candidates:
+def warp_live(live: Live, threshold: float) -> Candidates:
     """Return the matches within the threshold that end in live blocks."""
-    portion = live.portion
-    asked = fine_blocks(live, threshold)
-    if not len(asked):
+    portion, length = live.portion, live.length
+    block = live.block[live.nearest <= threshold]
+    if not len(block):
         return join_candidates([])
-    spans = spans_before(portion, asked, FINE) * FINE
+    spans = spans_before(portion, block, length) * length
     spans[:, 2] = np.minimum(spans[:, 2], portion.segment.rows.shape[1])
     distance, start = _warp(portion, live.version, spans)
-    ends = (asked[:, None] * FINE + np.arange(FINE)).ravel()
+    ends = (block[:, None] * length + np.arange(length)).ravel()
     ends = ends[ends < len(distance)]
     ends = ends[distance[ends] <= _finite(threshold)]
     return _candidates(portion, live.version, ends, distance, start)

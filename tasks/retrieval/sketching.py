@@ -70,7 +70,7 @@ def sketch_job(portion: Portion, version: int, spans: NDArray[np.int64]) -> Gues
     plain = np.stack([np.arange(len(columns)), np.full(len(columns), -1)], axis=1)
     distance, start = np.empty(high - low, np.float32), np.empty(high - low, np.int32)
     distance[:] = np.inf
-    warp_spans((means, weights, plain), rows, spans - low, distance, start)
+    warp_spans((means.astype(np.float32), weights, plain), rows, spans - low, distance, start)
     finite = distance[np.isfinite(distance)]
     median = float(np.median(finite[::8])) if len(finite) else math.inf
     edges = np.arange(0, high - low, blocks)

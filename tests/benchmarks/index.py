@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.motion.importing import ImportSettings, read_joint_track
-from tasks.motion.stature import joints_present
+from tasks.motion.stature import joints_present, take_stature
 from tasks.retrieval import pruning
 from tasks.retrieval.normalization import PATH_ROWS, ROWS, mirror_rows, pack_motion
 from tasks.retrieval.searching import (
@@ -100,7 +100,7 @@ def main() -> None:
 def read_dance(path: Path) -> Dance:
     """Return a file as a packed take."""
     track, _ = read_joint_track(path, ImportSettings())
-    rows = pack_motion(track.position, track.rate_hz, track.stature_m)
+    rows = pack_motion(track.position, track.rate_hz, take_stature(track.position))
     return Dance(path.stem, rows, joints_present(track.position))
 
 
@@ -166,7 +166,8 @@ def vary(rows: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.floa
     for row in range(PATH_ROWS.start):
         varied[row] += np.interp(np.arange(len(at)), *_knots(rng, len(at), 45, 0.012))
     varied += rng.normal(0, 0.002, varied.shape).astype(np.float32)
-    return mirror_rows(varied) if rng.random() < 0.5 else np.ascontiguousarray(varied)
+    varied = np.ascontiguousarray(varied, np.float32)
+    return mirror_rows(varied) if rng.random() < 0.5 else varied
 
 
 def _knots(
@@ -241,7 +242,8 @@ def shares_left(
     jobs = pruning.bounding_jobs(portion)
     [live] = pruning.join_live([pruning.bound_job(portion, *job, tau) for job in jobs])
     left = pruning.refine(live, tau)
-    return tuple(len(part.block) * part.length / portion.samples for part in (live, left))
+    coarse, fine = (len(part.block) * part.length / portion.samples for part in (live, left))
+    return coarse, fine
 
 
 def clip_of(query: Query, segment: Segment, settings: SearchSettings) -> Clip:

@@ -34,8 +34,8 @@ from tasks.retrieval.searching import (
     SearchSettings,
     clip_motion,
     clip_take,
-    search_segments,
 )
+from tasks.retrieval.segment_search import search_segments
 from tasks.retrieval.segments import Segment
 
 if TYPE_CHECKING:

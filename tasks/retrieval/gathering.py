@@ -35,6 +35,7 @@ from storage.index.snapshots import (
 from storage.places import Place, delete_files
 from tasks.retrieval.normalization import ROWS, sample_count
 from tasks.retrieval.opening import SUMMARIZED, places, room
+from tasks.retrieval.summaries import summarize_rows
 
 logger = logging.getLogger(__name__)
 
@@ -86,12 +87,6 @@ class _Merge:
     def current(self) -> dict[str, Entry]:
         """What each take is now."""
         return {entry.take: entry for entry in self.listing.entries}
-
-
-def summarize(rows: NDArray[np.float32]) -> dict[str, NDArray]:
-    """Return the summaries of the rows of a segment: none, until a search reads some."""
-    del rows
-    return {}
 
 
 def gather_when_many(location: str) -> None:
@@ -269,7 +264,7 @@ def _write_group(merge: _Merge, group: Sequence[_Piece]) -> None:
                 [merge.listing.stamps.get(each.entry.take) for each, _ in done],
                 [(begin, each.samples) for each, begin in done],
                 content,
-                summarize(content[1]) if total else {},
+                summarize_rows(content[1]) if total else {},
                 summarized=SUMMARIZED,
             )
         )

@@ -23,8 +23,8 @@ from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
 
 logger = logging.getLogger(__name__)
 
-SUMMARIZED = 0
-"""What kind of summaries this program makes and reads; 0 for none. It counts up whenever what
+SUMMARIZED = 1
+"""What kind of summaries this program makes and reads. It counts up whenever what
 `summarize_rows` returns changes its meaning, so that those of another shosa are not read."""
 _REQUESTS_AT_ONCE = 16
 """How many search arrays are fetched from an object store at a time. Chosen; it answers slowly, and
@@ -106,7 +106,7 @@ def open_segments(
             rate_hz=np.array([entry.rate_hz for entry in entries], np.float64),
             joints_present=_present(entries),
             searched=searched,
-            summaries=files.summaries if label.summarized == SUMMARIZED != 0 else {},
+            summaries=files.summaries if label.summarized == SUMMARIZED else {},
             check=files.check,
         )
         return OpenedSegment(segment, files)

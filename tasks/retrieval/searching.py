@@ -10,7 +10,7 @@ beyond the paper.
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -31,13 +31,15 @@ from tasks.retrieval.normalization import (
     mirror_rows,
     pack_motion,
 )
-from tasks.retrieval.segments import PackedTake, Segment
+from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.warping import Clip, select_matches, shortest_match, warm_up, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 
 _UPPER_JOINTS = {*PARTS["arms"], *PARTS["head"]}
-_SHOULDERS = tuple(JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
+SHOULDERS = tuple(JOINTS.index(name) for name in ("RShoulder", "LShoulder"))
 _HIPS = tuple(JOINTS.index(name) for name in ("RHip", "LHip"))
+NOTHING_IN_COMMON = "it has no joint with weight that the query has too"
+NO_SHOULDERS = "it lacks a shoulder, and the arms and head are compared from the shoulders"
 _PIECE = 1 << 12
 """How many samples a piece of a take has at least. A longer take is cut for several threads."""
 _PIECE_IN_QUERIES = 16
@@ -82,10 +84,12 @@ class Found:
     """Why a take could not be compared, by its name."""
     too_short: frozenset[str] = frozenset()
     """Those of them that are whole, and in which no match can be."""
+    certain_below: float = math.inf
+    """Every match nearer than this is found, and stays: infinite when the search is done."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Version:
+class Version:
     """The query as danced, or its mirror image."""
 
     rows: NDArray[np.float32]
@@ -163,8 +167,8 @@ def search_takes(
     """
     settings = settings or SearchSettings()
     weights = joint_weights(settings)
-    shoulders = {JOINTS[k] for k in np.flatnonzero(weights)} <= _UPPER_JOINTS
-    versions = _versions(query, weights, mirror=settings.mirror)
+    shoulders = about_shoulders(weights)
+    versions = query_versions(query, weights, mirror=settings.mirror)
     searched: list[tuple[PackedTake, list[tuple[Clip, bool]]]] = []
     skipped: dict[str, str] = {}
     too_short: set[str] = set()
@@ -182,59 +186,27 @@ def search_takes(
         for version, joints in common:
             if joints.any():
                 compared |= joints[OTHER_SIDE] if version.mirrored else joints
-                clip = _clip(version, joints, settings.path_weight, shoulders=shoulders)
+                clip = make_clip(version, joints, settings.path_weight, shoulders=shoulders)
                 clips.append((clip, version.mirrored))
         searched.append((take, clips))
     if searched:
-        _check_query(query, compared, shoulders=shoulders, path=settings.path_weight > 0)
+        check_query(query, compared, shoulders=shoulders, path=settings.path_weight > 0)
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
     matches.sort(key=lambda match: (match.distance, match.take, match.start))
     return Found(matches[: settings.top], skipped, frozenset(too_short))
 
 
-def search_segments(
-    query: Query,
-    segments: Sequence[Segment],
-    settings: SearchSettings | None = None,
-    *,
-    threads: int | None = None,
-) -> Found:
-    """Return the matches of a query in the takes of segments that are searched.
-
-    A plain scan, take after take, until segments are searched by bounds.
-
-    Raises
-    ------
-    ArchiveError
-        If what is read of a segment is not what was written.
-    ValueError
-        As `search_takes`.
-    """
-    takes = []
-    for segment in segments:
-        for place in np.flatnonzero(segment.searched).tolist():
-            first = int(segment.first[place])
-            last = first + int(segment.samples[place])
-            if segment.check is not None:
-                segment.check(first, last)
-            takes.append(
-                PackedTake(
-                    segment.names[place],
-                    segment.rows[:, first:last],
-                    float(segment.rate_hz[place]),
-                    int(segment.frames[place]),
-                    segment.joints_present[place],
-                )
-            )
-    return search_takes(query, takes, settings, threads=threads)
+def about_shoulders(weights: NDArray[np.float32]) -> bool:
+    """Say whether the origin is the shoulders: only arm, hand and head joints have weight."""
+    return {JOINTS[k] for k in np.flatnonzero(weights)} <= _UPPER_JOINTS
 
 
-def _versions(query: Query, weights: NDArray[np.float32], *, mirror: bool) -> list[_Version]:
+def query_versions(query: Query, weights: NDArray[np.float32], *, mirror: bool) -> list[Version]:
     """Return the query, and its mirror image if that is searched for too."""
-    versions = [_Version(query.rows, weights, query.joints_present, False)]
+    versions = [Version(query.rows, weights, query.joints_present, False)]
     if mirror:
         other = weights[OTHER_SIDE], query.joints_present[OTHER_SIDE]
-        versions.append(_Version(mirror_rows(query.rows), *other, True))
+        versions.append(Version(mirror_rows(query.rows), *other, True))
     return versions
 
 
@@ -243,16 +215,20 @@ def _why_not(
 ) -> str | None:
     """Return why a take cannot be searched, or None."""
     if not in_common:
-        return "it has no joint with weight that the query has too"
-    if shoulders and not take.joints_present[list(_SHOULDERS)].all():
-        return "it lacks a shoulder, and the arms and head are compared from the shoulders"
+        return NOTHING_IN_COMMON
+    if shoulders and not take.joints_present[list(SHOULDERS)].all():
+        return NO_SHOULDERS
     if _is_too_short(query, take, steps):
-        shortest = shortest_match(query.rows.shape[1], steps)
-        return (
-            f"it is too short: {take.rows.shape[1] / INDEX_RATE_HZ:.1f} s, and the shortest "
-            f"match of this query has {shortest / INDEX_RATE_HZ:.1f} s"
-        )
+        return say_too_short(take.rows.shape[1], shortest_match(query.rows.shape[1], steps))
     return None
+
+
+def say_too_short(samples: int, shortest: int) -> str:
+    """Return why a take of that many samples cannot be searched for matches of that many."""
+    return (
+        f"it is too short: {samples / INDEX_RATE_HZ:.1f} s, and the shortest "
+        f"match of this query has {shortest / INDEX_RATE_HZ:.1f} s"
+    )
 
 
 def _is_too_short(query: Query, take: PackedTake, steps: str) -> bool:
@@ -260,8 +236,8 @@ def _is_too_short(query: Query, take: PackedTake, steps: str) -> bool:
     return take.rows.shape[1] < shortest_match(query.rows.shape[1], steps)
 
 
-def _clip(
-    version: _Version, joints: NDArray[np.bool_], path_weight: float, *, shoulders: bool
+def make_clip(
+    version: Version, joints: NDArray[np.bool_], path_weight: float, *, shoulders: bool
 ) -> Clip:
     """Return a query ready to be warped: the rows of these joints, and of the path."""
     chosen = np.flatnonzero(joints)
@@ -282,7 +258,7 @@ def _clip(
     return np.ascontiguousarray(frames.T), weights.astype(np.float32), columns.astype(np.int64)
 
 
-def _check_query(query: Query, compared: NDArray[np.bool_], *, shoulders: bool, path: bool) -> None:
+def check_query(query: Query, compared: NDArray[np.bool_], *, shoulders: bool, path: bool) -> None:
     """Raise a ValueError that names every joint and frame the query lacks."""
 
     def without(rows: NDArray[np.float32]) -> NDArray[np.bool_]:

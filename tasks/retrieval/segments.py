@@ -53,4 +53,4 @@ class Segment:
     """What `summarize_rows` made of the rows, by name; empty where nothing was made."""
     check: Callable[[int, int], None] | None = None
     """Raises an ArchiveError where the samples from one to before another are not what was
-    written; called before what is in them is answered with."""
+    written; called before they are compared, for what has changed could also hide a match."""

@@ -39,6 +39,9 @@ _BLOCK = 256
 """How many ends stand behind one remembered best end, when matches are selected. It changes the
 speed only; chosen, not measured."""
 _INF = np.float32(np.inf)
+_GREATEST = 3e38
+_LOOK = 8
+"""After how many rows it is looked whether a tile can be left. Chosen: it costs little then."""
 
 Clip = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
 """A query ready to be warped: its frames (frame, 3 joints), C-contiguous; the weight of each
@@ -81,9 +84,32 @@ def warp(
         Written for the ends in the span: the distance, infinite where no match ends, and the
         match's first frame, of no meaning there.
     """
+    warp_spans(clip, rows, np.array([span]), distance, start, steps=steps)
+
+
+def warp_spans(
+    clip: Clip,
+    rows: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    distance: NDArray[np.float32],
+    start: NDArray[np.int32],
+    *,
+    steps: str = "slope",
+    threshold: float = math.inf,
+) -> None:
+    """Write the best matches that end in many spans, a row of `spans` each, as `warp` one's.
+
+    With a threshold, a tile is left as soon as no match through it can be within: all distances
+    up to the threshold are as they were, and what is beyond may become infinite. A sum of more than
+    3 I times the threshold, I the frames of the query, never comes to a distance within it: sums
+    do not fall, in single precision either, and no path counts as often. So it does not matter
+    that a path left had a lesser sum than the one found in its place.
+    """
     view = np.ascontiguousarray(rows).view()
     view.flags.writeable = False  # one type, mapped or not: compiled once
-    _warp(clip, view, span, distance, start, steps == "slope")
+    slope = steps == "slope"
+    limit = np.float32(min(3.0 * len(clip[0]) * threshold if slope else math.inf, _GREATEST))
+    _warp(clip, view, spans, (distance, start), slope, np.nextafter(limit, _INF))
 
 
 def select_matches(
@@ -150,9 +176,9 @@ def _add_three_joints(q: Any, weights: Any, tile: Any, d: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any) -> None:
-    """Copy the frames from `first` on into the tile, less their origin; after `end`, NaN."""
-    n = min(tile.shape[1], end - first)
+def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any, wide: Any) -> None:
+    """Copy the frames from `first` on into the tile, less their origin; from `end` on, NaN."""
+    n = min(wide, end - first)
     for c in range(len(columns)):
         row, origin, lanes = rows[columns[c, 0]], rows[columns[c, 1]], tile[c]
         if columns[c, 1] < 0:
@@ -161,7 +187,7 @@ def _load_tile(rows: Any, columns: Any, first: Any, end: Any, tile: Any) -> None
         else:
             for j in range(n):
                 lanes[j] = row[first + j] - origin[first + j]
-        for j in range(n, len(lanes)):
+        for j in range(n, wide):
             lanes[j] = np.nan
 
 
@@ -220,21 +246,48 @@ def _step_paper(x: Any, g: Any, s: Any, n: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _warp(clip: Any, rows: Any, span: Any, distance: Any, start: Any, slope: Any) -> None:
-    """Warp tile after tile; `edge` holds the columns left of the tile, a row a query frame."""
-    query, weights, columns = clip
-    frames = len(query)
-    begin, written, end = span
-    width = min(_TILE, (end - begin + _LANES - 1) // _LANES * _LANES)
+def _any_within(g: Any, n: Any, edge: Any, limit: Any) -> Any:
+    """Say whether a path goes on from a row, or comes from the left after it, within a limit."""
+    least = _INF
+    for j in range(n + 2):
+        least = min(least, g[j])
+    for i in range(len(edge)):
+        least = min(least, edge[i, 1], edge[i, 2])
+    return least <= limit
+
+
+@njit(cache=True, nogil=True)
+def _warp(clip: Any, rows: Any, spans: Any, out: Any, slope: Any, limit: Any) -> None:
+    """Warp span after span."""
+    widest = 0
+    for span in spans:
+        widest = max(widest, span[2] - span[0])
+    width = min(_TILE, (widest + _LANES - 1) // _LANES * _LANES)
+    query = clip[0]
     tile = np.empty((query.shape[1], width), np.float32)
     d = np.empty((2, width + 2), np.float32)
     g = np.empty((3, width + 2), np.float32)
     s = np.zeros((3, width + 2), np.int32)
-    edge = np.full((frames, 3), _INF, np.float32)
-    edge_start = np.zeros((frames, 2), np.int32)
+    edge = np.empty((len(query), 3), np.float32)
+    edge_start = np.empty((len(query), 2), np.int32)
+    for span in spans:
+        edge[:], edge_start[:] = _INF, span[0]
+        work = tile, d, g, s, edge, edge_start
+        _warp_span(clip, rows, span, work, out, (slope, limit))
+
+
+@njit(cache=True, nogil=True)
+def _warp_span(clip: Any, rows: Any, span: Any, work: Any, out: Any, options: Any) -> None:
+    """Warp tile after tile; `edge` holds the columns left of the tile, a row a query frame."""
+    query, weights, columns = clip
+    tile, d, g, s, edge, edge_start = work
+    distance, start = out
+    slope, limit = options
+    frames, width = len(query), tile.shape[1]
+    begin, written, end = span[0], span[1], span[2]
     for first in range(begin, end, width):
         n = min(width, (end - first + _LANES - 1) // _LANES * _LANES)
-        _load_tile(rows, columns, first, end, tile)
+        _load_tile(rows, columns, first, end, tile, n)
         g[:] = _INF
         for i in range(frames):
             x, e = d[i % 2], d[(i + 1) % 2]
@@ -252,6 +305,12 @@ def _warp(clip: Any, rows: Any, span: Any, distance: Any, start: Any, slope: Any
                 _step_paper(x, (g2, g1, g0), (s2, s1, s0), n)
             edge[i, 0], edge[i, 1], edge[i, 2] = x[n + 1], g0[n], g0[n + 1]
             edge_start[i, 0], edge_start[i, 1] = s0[n], s0[n + 1]
+            if i % _LOOK == _LOOK - 1 and not _any_within(g0, n, edge[i + 1 :], limit):
+                edge[i + 1 :] = _INF
+                edge_start[i + 1 :] = first
+                g[(frames - 1) % 3, :] = _INF
+                s[(frames - 1) % 3, :] = first
+                break
         g0, s0 = g[(frames - 1) % 3], s[(frames - 1) % 3]
         for j in range(max(first, written), min(first + n, end)):
             first_frame = s0[j - first + 2]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tasks.retrieval import warping
-from tasks.retrieval.warping import select_matches, shortest_match, warm_up, warp
+from tasks.retrieval.warping import select_matches, shortest_match, warm_up, warp, warp_spans
 from tests.twins import search as naive
 
 ROWS = 69
@@ -238,3 +238,46 @@ def test_neighboring_samples_of_one_frame_are_not_both_found():
     start = np.arange(4, dtype=np.int32)[None]
     found = select_matches(distance.copy(), start, 15.0)  # frames 0 1 1 2
     assert [match[1] for match in found] == [0, 1, 3]
+
+
+@pytest.mark.compiled
+def test_a_threshold_changes_nothing_up_to_it(rng):
+    left = 0
+    for _ in range(40):
+        samples, frames = int(rng.integers(200, 2500)), int(rng.integers(2, 60))
+        knots = rng.normal(size=(6, samples // 10 + 2))
+        take = [np.interp(np.arange(samples) / 10, range(knots.shape[1]), k) for k in knots]
+        take = np.array(take).T.reshape(samples, 2, 3)
+        first = int(rng.integers(samples - frames))
+        query = take[first : first + frames] + rng.normal(size=(frames, 2, 3)) * 0.02
+        for _ in range(4):
+            long = int(rng.integers(frames // 2 + 1, 2 * frames))
+            at = np.rint(np.linspace(0, frames - 1, long)).astype(int)
+            place = int(rng.integers(samples - long))
+            take[place : place + long] = query[at] + rng.normal(size=(long, 2, 3)) * 0.03
+        take[rng.random(samples) < 0.002] = np.nan
+        clip, rows = clip_of(query), rows_of(take)
+        distance, start = run(clip, rows)
+        for factor in (0.3, 1.0, 1.7):
+            threshold = float(np.sort(distance)[10]) * factor
+            found = np.empty(samples, np.float32), np.empty(samples, np.int32)
+            warp_spans(clip, rows, np.array([[0, 0, samples]]), *found, threshold=threshold)
+            near = distance <= threshold
+            np.testing.assert_array_equal(found[0][near], distance[near])
+            np.testing.assert_array_equal(found[1][near], start[near])
+            assert (found[0][~near] > threshold).all()
+            left += int((np.isinf(found[0]) & np.isfinite(distance)).sum()) / samples
+    assert left > 10  # of 120
+
+
+@pytest.mark.compiled
+def test_many_spans_give_what_one_by_one_gives(rng):
+    rows = rows_of(rng.normal(size=(900, 2, 3)))
+    clip = clip_of(rng.normal(size=(9, 2, 3)))
+    spans = np.array([[0, 0, 70], [54, 70, 71], [300, 316, 830], [832, 848, 900]])
+    together = np.full(900, -1, np.float32), np.full(900, -1, np.int32)
+    warp_spans(clip, rows, spans, *together)
+    alone = np.full(900, -1, np.float32), np.full(900, -1, np.int32)
+    for span in spans.tolist():
+        warp(clip, rows, tuple(span), *alone)
+    np.testing.assert_array_equal(together, alone)

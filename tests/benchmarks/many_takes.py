@@ -37,10 +37,11 @@ from storage.records import record_content, record_path
 from storage.schema import JOINTS
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.answering import answer_query
-from tasks.retrieval.gathering import gather_when_many, summarize
+from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS, pack_motion
 from tasks.retrieval.opening import SUMMARIZED, places, room
 from tasks.retrieval.searching import SearchSettings
+from tasks.retrieval.summaries import summarize_rows
 from tasks.studio.dancing.choreography import freely, lonely, okuri48, walk
 from tasks.studio.performances import SH, TK, YS, generate_performance
 
@@ -153,7 +154,7 @@ def fill(place: Place, made: int, wanted: int, dances: list[np.ndarray]) -> None
         entries = [entry_of(record) for record in records]
         spans = [*zip(first, counts, strict=True)]
         nothing = [None] * len(records)
-        summaries = summarize(content[1])
+        summaries = summarize_rows(content[1])
         labels.append(
             write_segment(place, entries, nothing, spans, content, summaries, summarized=SUMMARIZED)
         )

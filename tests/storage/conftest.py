@@ -5,7 +5,7 @@ import pytest
 
 from storage import create_archive
 from storage.index import snapshots
-from tasks.retrieval import gathering, opening
+from tasks.retrieval import gathering
 from tests.figures.packed_takes import PlainTakes
 
 
@@ -34,6 +34,4 @@ def summarized(monkeypatch):
     def summarize(rows):
         return {"mean": np.nan_to_num(rows).reshape(len(rows), -1, 16).mean(axis=2)}
 
-    monkeypatch.setattr(gathering, "summarize", summarize)
-    monkeypatch.setattr(gathering, "SUMMARIZED", 1)
-    monkeypatch.setattr(opening, "SUMMARIZED", 1)
+    monkeypatch.setattr(gathering, "summarize_rows", summarize)

@@ -19,6 +19,7 @@ from storage.index.snapshots import open_snapshot, verify_snapshot
 from storage.publication import collect_garbage, publish_record
 from tasks.retrieval import gathering, opening
 from tasks.retrieval.gathering import gather_segments, gather_when_many
+from tasks.retrieval.summaries import SUMMARIES
 from tests.conftest import cases
 from tests.figures.packed_takes import (
     MANIFEST,
@@ -219,7 +220,7 @@ def test_of_two_merges_at_once_one_wins_and_the_other_leaves_nothing(takes, monk
     assert gather_segments(takes.location) == []
     takes.check()
     assert [path.name for path in files(takes, MANIFEST)][-1] == "00000001.json"
-    assert len(files(takes)) == 3
+    assert len(files(takes)) == 3 + len(SUMMARIES)  # manifest, label, rows
 
 
 def test_a_manifest_is_created_when_all_that_it_names_is_on_the_medium(takes, monkeypatch):

@@ -253,17 +253,24 @@ def test_frames_before_a_live_end_may_not_be_cut(rng, monkeypatch):
 
 @pytest.mark.compiled
 @pytest.mark.usefixtures("forced")
-def test_every_match_is_checked_before_it_is_shown(rng):
+@pytest.mark.parametrize("summarized", [True, False])
+def test_what_is_compared_is_checked_before_an_answer(rng, summarized):
     base = [dance(rng, 240)]
     takes = make_takes(rng, base, 8)
-    checked = []
-    segment = replace(side_by_side(takes), check=lambda first, end: checked.append((first, end)))
-    query = query_of(rng, base, 30)
-    for answer in search_gradually(query, [segment]):
+    seen = np.zeros(10_000, bool)
+
+    def check(first, end):
+        seen[first:end] = True
+
+    segment = replace(side_by_side(takes, summarized=summarized), check=check)
+    for answer in search_gradually(query_of(rng, base, 30), [segment]):
         for match in answer.matches:
             place = segment.names.index(match.take)
-            first = int(segment.first[place]) + match.start
-            assert (first, first + match.end - match.start + 1) in checked
+            first = int(segment.first[place])
+            assert seen[first + match.start : first + match.end + 1].all()
+    if not summarized:  # all is scanned, and what has changed could hide a match
+        for first, samples in zip(segment.first, segment.samples, strict=True):
+            assert seen[first : first + samples].all()
 
 
 def test_nothing_to_search_finds_nothing(rng):

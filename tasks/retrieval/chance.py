@@ -1,0 +1,171 @@
+"""Say how often a clip of the archive is so near by chance, measured on the archive itself.
+
+A distance alone does not tell whether a match means anything: a dancer who stands is near to
+everybody who stands. So the query is searched for once more, *backwards in time*, in a sample of
+the archive. A movement played backwards has the poses and the speeds of the movement, and is danced
+nowhere; what it finds is near by chance. This is how searches of proteins are judged by reversed
+sequences (Elias and Gygi 2007). Neither the query's own clip nor true matches have to be left out,
+however many there are. A movement that is the same backwards, such as standing, finds itself: the
+chance is large then, which is right.
+
+The sample is cut into the disjoint clips that `search_takes` selects. Of n clips, the share whose
+distance is at most x is the chance there. Below u, the distance that one in ten of them reaches,
+the share is taken to fall as a power of the distance, as in a space of m dimensions,
+
+    chance(x) = share(u) (x / u)^m,     1 / m = mean of log(u / x_i) over the k clips nearer than u
+
+(Hill 1975), and never below the share that was seen. On dance of known truth the chance so told is
+kept or too large, seldom too small: `tests.benchmarks.retrieval` has the figures. A log-normal tail
+fits noise better, and on dance makes a chance of 1 in 10,000 out of one in 1,000.
+
+The matches to expect by chance are chance(x) times the clips of the archive, as the E-value of
+searches of sequences (Karlin and Altschul 1990).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.retrieval.normalization import PATH_ROWS
+from tasks.retrieval.searching import Query, search_takes
+from tasks.retrieval.segments import PackedTake
+from tasks.retrieval.weighting import SearchSettings
+
+SAMPLED = 100_000
+"""How many samples of an archive are searched for what is near by chance. 55 minutes of dance, a
+tenth of a second; a larger archive is sampled evenly."""
+FEWEST_CLIPS = 50
+"""How many clips must be compared before a chance is told. Chosen: ten of them are in the tail."""
+_TAIL = 10
+"""One clip in how many is in the tail that is fitted. Of a fifth, the chances told were three times
+too large at 1 in 1,000; of a tenth, one and a half times."""
+_BEYOND = 100
+"""How many times rarer than one clip of the sample a chance is told. Chances of 1 in 10,000 were
+checked against samples of 100 clips; what is rarer is told as this."""
+_PIECE_IN_QUERIES = 16
+"""How many times as long as the query a piece of a sampled take is. The ends of a piece, where no
+whole match fits, are a few percent of it then."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """How near the clips of an archive are to a query by chance."""
+
+    distance: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """(clip,) of the query backwards to each clip of the sample, ascending, statures."""
+    clips: int = 0
+    """How many such clips the whole archive has."""
+
+    @property
+    def can_be_told(self) -> bool:
+        """Say whether the archive is large enough to tell a chance."""
+        return len(self.distance) >= FEWEST_CLIPS
+
+    def of(self, distance: float) -> float | None:
+        """Return the share of the archive's clips that are as near by chance, above 0 and up to 1.
+
+        Parameters
+        ----------
+        distance
+            Of a match, statures.
+
+        Returns
+        -------
+        float or None
+            None where the archive has too few clips to tell.
+        """
+        if not self.can_be_told:
+            return None
+        count = len(self.distance)
+        inside = max(count // _TAIL, FEWEST_CLIPS // 5)
+        edge = float(self.distance[inside])
+        seen = int(np.searchsorted(self.distance, distance, side="right")) / count
+        if distance >= edge:
+            return seen
+        nearer = np.maximum(self.distance[:inside], np.finfo(float).tiny)
+        falls = float(np.log(edge / nearer).sum())
+        # of equal distances nothing can be fitted; one less than their number is without bias
+        dimensions = (inside - 1) / falls if falls > 0 else 0.0
+        told = inside / count * (max(distance, 0.0) / edge) ** dimensions
+        return max(told, seen, self.least)
+
+    @property
+    def least(self) -> float:
+        """The smallest chance that is told; what is rarer is told as this."""
+        return 1 / (_BEYOND * len(self.distance))
+
+    def expected(self, distance: float) -> float | None:
+        """Return how many matches as near are to be expected by chance in the whole archive."""
+        chance = self.of(distance)
+        return None if chance is None else chance * self.clips
+
+
+def one_in(chance: float) -> int:
+    """Return the clips of which one is so near by chance, in two digits and never too many."""
+    clips = int(1 / chance + 1e-6)  # of 1 / 99, 99
+    fine = 10 ** max(0, len(str(clips)) - 2)
+    return clips // fine * fine
+
+
+def measure_chance(
+    query: Query,
+    takes: Iterable[PackedTake],
+    settings: SearchSettings | None = None,
+    *,
+    threads: int | None = None,
+) -> Chance:
+    """Return how near the clips of these takes are to a query by chance.
+
+    The same takes, in the same order, give the same answer.
+
+    Parameters
+    ----------
+    query, settings
+        As of the search whose matches are judged; threshold and number of matches play no role.
+    takes
+        All that was searched.
+    threads
+        As of `search_takes`.
+
+    Raises
+    ------
+    ValueError
+        As `search_takes`.
+    """
+    takes = list(takes)
+    pieces = _sample_pieces(takes, query.rows.shape[1])
+    looked_at = sum(piece.rows.shape[1] for piece in pieces)
+    if not looked_at:
+        return Chance()
+    everything = replace(settings or SearchSettings(), threshold=None, top=looked_at)
+    found = search_takes(_backwards(query), pieces, everything, threads=threads)
+    distance = np.sort([match.distance for match in found.matches])
+    samples = sum(take.rows.shape[1] for take in takes)
+    return Chance(distance, round(len(distance) * samples / looked_at))
+
+
+def _backwards(query: Query) -> Query:
+    """Return the query played backwards: all velocities point the other way."""
+    rows = query.rows[:, ::-1].copy()
+    rows[PATH_ROWS] *= -1
+    return replace(query, rows=rows)
+
+
+def _sample_pieces(takes: Sequence[PackedTake], frames: int) -> list[PackedTake]:
+    """Return all takes, or pieces evenly spread over them where they are more than `SAMPLED`."""
+    samples = np.array([take.rows.shape[1] for take in takes], np.int64)
+    if samples.sum() <= SAMPLED:
+        return list(takes)
+    long = _PIECE_IN_QUERIES * frames
+    pieces = -(-samples // long)
+    last = np.cumsum(pieces)
+    chosen = np.arange(0, last[-1], samples.sum() / SAMPLED).astype(np.int64)
+    found = []
+    for piece, which in zip(chosen, np.searchsorted(last, chosen, side="right"), strict=True):
+        take, first = takes[which], int(piece - last[which] + pieces[which]) * long
+        rows = take.rows[:, first : first + long]
+        name = f"{take.name}:{first}"
+        found.append(replace(take, name=name, rows=rows, frames=rows.shape[1]))
+    return found

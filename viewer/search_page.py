@@ -283,7 +283,7 @@ class SearchPage:
 
     async def list_matches(self, answer: Answer) -> None:
         """List what was found, and open one."""
-        rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
+        rows = await to_thread(listed, self.holdings, answer, self.shell.texts)
         self.matches = answer.matches
         self.found.classes(remove="outdated")
         seconds = f"{answer.seconds:.1f}"

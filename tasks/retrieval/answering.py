@@ -8,7 +8,7 @@ import os
 import re
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,8 @@ from storage.formats import MOTION_SUFFIXES
 from storage.publication import Record
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.chance import Chance, measure_chance
+from tasks.retrieval.levels import level_of, level_thresholds, threshold_of
 from tasks.retrieval.opening import read_packed_takes
 from tasks.retrieval.searching import (
     Match,
@@ -41,6 +43,8 @@ _COLUMNS = {
     "end": int,
     "distance": float,
     "mirrored": bool,
+    "level": object,
+    "chance": float,
     "performer": object,
     "title": object,
 }
@@ -64,16 +68,29 @@ class Answer:
     searched_takes: int
     searched_frames: int
     seconds: float
+    chance: Chance = field(default_factory=Chance, repr=False)
+    """How near the clips of these takes are to the query by chance."""
+
+    def meaning(self, match: Match) -> dict[str, Any]:
+        """Return what the distance of a match means, as JSON: its `level` and `chance`, or None."""
+        chance = self.chance.of(match.distance)
+        return {
+            "level": level_of(match.distance, self.settings),
+            "chance": None if chance is None else float(f"{chance:.3g}"),
+        }
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as `search --json` prints it (docs/contract.md, section 6)."""
         matches = [
-            {"rank": rank, **asdict(match)} for rank, match in enumerate(self.matches, start=1)
+            {"rank": rank, **asdict(match), **self.meaning(match)}
+            for rank, match in enumerate(self.matches, start=1)
         ]
         return {
             "query": self.query,
             "settings": {**asdict(self.settings), "weights": dict(self.settings.weights)},
             "matches": matches,
+            "levels": level_thresholds(self.settings),
+            "clips": {"searched": self.chance.clips, "sampled": len(self.chance.distance)},
             "searched": {"takes": self.searched_takes, "frames": self.searched_frames},
             "skipped": [{"take": take, "reason": why} for take, why in self.skipped.items()],
             "seconds": round(self.seconds, 3),
@@ -111,13 +128,14 @@ def answer_query(
     begin = time.perf_counter()
     archive = open_archive(location)
     records, damaged = archive.readable_records()
-    query, asked = _find_query(archive, records, text, imported)
+    query, asked = find_query(archive, records, text, imported)
     searched = [r for r in records if takes is None or fnmatchcase(r.take, takes)]
     skipped = {t: why for t, why in damaged.items() if takes is None or fnmatchcase(t, takes)}
     if not searched and not skipped:
         raise UnknownNameError(_no_take(archive, records, takes))
     packed, unopened = read_packed_takes(archive.place, searched)
     found = search_takes(query, packed, settings)
+    chance = measure_chance(query, packed, settings)
     skipped |= unopened | found.skipped
     if not found.too_short and not {record.take for record in searched} - skipped.keys():
         reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
@@ -132,6 +150,7 @@ def answer_query(
         searched_takes=len(compared),
         searched_frames=sum(record.frames for record in compared),
         seconds=time.perf_counter() - begin,
+        chance=chance,
     )
 
 
@@ -142,7 +161,7 @@ def find_matches(
     part: str = "whole",
     weights: Mapping[str, float] | None = None,
     top: int = 10,
-    threshold: float | None = None,
+    threshold: float | str | None = None,
     mirror: bool = False,
     path_weight: float = 0.0,
     steps: str = "slope",
@@ -158,7 +177,9 @@ def find_matches(
         TAKE[:START-END] or FILE[:START-END], frames 0-based and inclusive.
     weights
         Joint to weight, in place of the part's: 1 for its joints, 0 for the others.
-    part, top, threshold, mirror, path_weight, steps
+    threshold
+        Only matches nearer than this: statures, or the name of a level, "same" or "like".
+    part, top, mirror, path_weight, steps
         As in `SearchSettings`.
     takes
         Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
@@ -167,8 +188,11 @@ def find_matches(
     -------
     pandas.DataFrame
         A row a match, the nearest first: `rank`, `take`, `start`, `end` (frames of the take,
-        inclusive), `distance` (statures), `mirrored`, `performer` and `title` (None where the
-        metadata have none). `attrs["skipped"]` says by take what could not be compared, and why.
+        inclusive), `distance` (statures), `mirrored`, `level` ("same", "like" or None), `chance`
+        (the share of the archive's clips that are so near by chance; NaN where the archive is too
+        small to tell), `performer` and `title` (None where the metadata have none).
+        `attrs["skipped"]` says by take what could not be compared, and why; `attrs["query"]` and
+        `attrs["settings"]` what was asked.
 
     Raises
     ------
@@ -184,14 +208,16 @@ def find_matches(
         steps=steps,
         mirror=mirror,
         path_weight=path_weight,
-        threshold=threshold,
         top=top,
     )
+    settings = replace(settings, threshold=threshold_of(threshold, settings))
     answer = answer_query(location, query, settings, takes)
     rows = []
     for rank, match in enumerate(answer.matches, start=1):
         about = answer.records[match.take].metadata
-        rows.append((rank, *astuple(match), about.get("performer"), about.get("title")))
+        meaning = answer.meaning(match).values()
+        named = about.get("performer"), about.get("title")
+        rows.append((rank, *astuple(match), *meaning, *named))
     columns = zip(*rows, strict=True) if rows else [()] * len(_COLUMNS)
     table = pandas.DataFrame(
         {
@@ -201,7 +227,7 @@ def find_matches(
             for (name, kind), values in zip(_COLUMNS.items(), columns, strict=True)
         }
     )
-    table.attrs["skipped"] = answer.skipped
+    table.attrs |= {"skipped": answer.skipped, "query": query, "settings": settings}
     return table
 
 
@@ -225,13 +251,13 @@ def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
         ) from None
 
 
-def _find_query(
+def find_query(
     archive: Archive,
     records: Sequence[Record],
     text: str,
     imported: "ImportSettings | None",
 ) -> tuple[Query, dict[str, Any]]:
-    """Return the query, and how the answer speaks of it."""
+    """Return the query in `text`, and how an answer speaks of it; raises as `answer_query`."""
     name, clip = parse_query(text)
     if Path(name).suffix.lower() in MOTION_SUFFIXES:
         from tasks.motion.importing import (  # only where a file is read

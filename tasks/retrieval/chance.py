@@ -96,6 +96,15 @@ class Chance:
         """The smallest chance that is told; what is rarer is told as this."""
         return 1 / (_BEYOND * len(self.distance))
 
+    def in_words(self, distance: float) -> str:
+        """Return the chance as `1 in 300`; `?` where it cannot be told."""
+        chance = self.of(distance)
+        if chance is None:
+            return "?"
+        if (clips := one_in(chance)) == 1:
+            return "most"
+        return f"{'< ' * (chance <= self.least)}1 in {clips:,}"
+
     def expected(self, distance: float) -> float | None:
         """Return how many matches as near are to be expected by chance in the whole archive."""
         chance = self.of(distance)
@@ -118,7 +127,8 @@ def measure_chance(
 ) -> Chance:
     """Return how near the clips of these takes are to a query by chance.
 
-    The same takes, in the same order, give the same answer.
+    The same takes, in the same order, give the same answer. Nothing is told of the steps `paper`,
+    whose matches collapse to a few frames and are no clips that could be counted.
 
     Parameters
     ----------
@@ -134,12 +144,13 @@ def measure_chance(
     ValueError
         As `search_takes`.
     """
-    takes = list(takes)
+    settings = settings or SearchSettings()
+    takes = list(takes) if settings.steps == "slope" else []
     pieces = _sample_pieces(takes, query.rows.shape[1])
     looked_at = sum(piece.rows.shape[1] for piece in pieces)
     if not looked_at:
         return Chance()
-    everything = replace(settings or SearchSettings(), threshold=None, top=looked_at)
+    everything = replace(settings, threshold=None, top=looked_at)
     found = search_takes(_backwards(query), pieces, everything, threads=threads)
     distance = np.sort([match.distance for match in found.matches])
     samples = sum(take.rows.shape[1] for take in takes)

@@ -72,8 +72,8 @@ def cut(take: PackedTake, start: int, end: int) -> Query:
     return Query(take.rows[:, start : end + 1], take.joints_present, f"{take.name}:{start}-{end}")
 
 
-def generate(days: int) -> tuple[dict[str, PackedTake], list[Danced]]:
-    """Return takes in which five performers dance 14 movements on several days, and their clips."""
+def generate(performers: int, days: int) -> tuple[dict[str, PackedTake], list[Danced]]:
+    """Return takes of performers who dance 14 movements on each of several days, and the clips."""
     movements = [
         dances.radio_arms(), dances.radio_sides(), dances.radio_knees(), dances.okuri48(),
         dances.okuri49(), dances.mirrored(dances.okuri48()), dances.turning("left"),
@@ -81,7 +81,7 @@ def generate(days: int) -> tuple[dict[str, PackedTake], list[Danced]]:
         *(replace(dances.freely(seed), name=f"freely {seed}") for seed in range(11, 15)),
     ]  # fmt: skip
     takes, clips = {}, []
-    for number, performer in enumerate(PERFORMERS):
+    for number, performer in enumerate(PERFORMERS[:performers]):
         for day in range(1, days + 1):
             order = np.random.default_rng([day, number]).permutation(len(movements))
             danced = [movements[which] for which in order]

@@ -14,9 +14,10 @@ the share is taken to fall as a power of the distance, as in a space of m dimens
 
     chance(x) = share(u) (x / u)^m,     1 / m = mean of log(u / x_i) over the k clips nearer than u
 
-(Hill 1975), and never below the share that was seen. On dance of known truth the chance so told is
-kept or too large, seldom too small: `tests.benchmarks.retrieval` has the figures. A log-normal tail
-fits noise better, and on dance makes a chance of 1 in 10,000 out of one in 1,000.
+(Hill 1975), and never below the share that was seen. On recorded dance a chance so told of 1 in
+1,000 is met half to four fifths as often: it is on the safe side. A log-normal tail fits noise
+better, and on dance says 1 in 10,000 of what is met once in 1,000; a generalized Pareto tail errs
+twice as far (docs/retrieval.md).
 
 The matches to expect by chance are chance(x) times the clips of the archive, as the E-value of
 searches of sequences (Karlin and Altschul 1990).
@@ -39,11 +40,11 @@ tenth of a second; a larger archive is sampled evenly."""
 FEWEST_CLIPS = 50
 """How many clips must be compared before a chance is told. Chosen: ten of them are in the tail."""
 _TAIL = 10
-"""One clip in how many is in the tail that is fitted. Of a fifth, the chances told were three times
-too large at 1 in 1,000; of a tenth, one and a half times."""
+"""One clip in how many is in the tail that is fitted. With a third, chances of 1 in 1,000 were told
+3 to 25 times too large on recorded dance; with a tenth, 1.2 to 2 times."""
 _BEYOND = 100
-"""How many times rarer than one clip of the sample a chance is told. Chances of 1 in 10,000 were
-checked against samples of 100 clips; what is rarer is told as this."""
+"""How many times rarer than one clip of the sample a chance is told. So far the tail was checked,
+with samples of 50 to 100 clips; what is rarer is told as this."""
 _PIECE_IN_QUERIES = 16
 """How many times as long as the query a piece of a sampled take is. The ends of a piece, where no
 whole match fits, are a few percent of it then."""

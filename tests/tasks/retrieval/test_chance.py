@@ -83,6 +83,7 @@ def test_scale_heading_and_order_of_takes_change_no_chance():
 def test_a_large_archive_is_sampled_evenly(monkeypatch):
     takes = [noise(20 + n, samples, f"{n}") for n, samples in enumerate((5000, 300, 1100, 3000))]
     query = asked(3)
+    takes[-1].rows[:] = query.rows.mean(axis=1, keepdims=True)  # near, and only there
     everything = measure_chance(query, takes, FEET, threads=1)
     monkeypatch.setattr(module, "SAMPLED", 2500)
     sampled = measure_chance(query, takes, FEET, threads=1)
@@ -90,7 +91,7 @@ def test_a_large_archive_is_sampled_evenly(monkeypatch):
     assert sampled.clips == pytest.approx(everything.clips, rel=0.1)
     for share in (0.2, 0.5, 0.8):
         distance = np.quantile(everything.distance, share)
-        assert sampled.of(distance) == pytest.approx(share, abs=0.12)
+        assert sampled.of(distance) == pytest.approx(everything.of(distance), abs=0.1)
 
 
 @pytest.mark.kernels

@@ -157,7 +157,7 @@ def test_what_is_asked_comes_back_from_its_address():
 
 
 def test_an_address_may_name_a_level():
-    asking, strange = read_address({"part": "feet", "threshold": "like"})
+    asking, strange = read_address({"part": "arms", "threshold": "like"})
     assert strange == []
     assert asking.threshold == asking.levels()["like"] > asking.levels()["same"]
     assert asking.threshold != read_address({"threshold": "like"})[0].threshold

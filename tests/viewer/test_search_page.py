@@ -202,7 +202,7 @@ def test_each_setting_changes_what_is_compared(open_page):
     page.click("[data-level=like]")
     wait(page, "() => document.querySelector('[data-level=like]').ariaPressed === 'true'")
     reach = page.input_value("[data-control=threshold]")
-    page.click("[data-part=whole]")  # the level stays, and is another distance then
+    page.click("[data-part=arms]")  # the level stays, and is another distance then
     wait(page, "v => document.querySelector('[data-control=threshold]').value !== v", reach)
     assert page.get_attribute("[data-level=like]", "aria-pressed") == "true"
     page.click("[data-level=like]")

@@ -87,7 +87,7 @@ class Answer:
         ]
         return {
             "query": self.query,
-            "settings": {**asdict(self.settings), "weights": dict(self.settings.weights)},
+            "settings": _settings_as_json(self.settings),
             "matches": matches,
             "levels": level_thresholds(self.settings),
             "clips": {"searched": self.chance.clips, "sampled": len(self.chance.distance)},
@@ -227,8 +227,14 @@ def find_matches(
             for (name, kind), values in zip(_COLUMNS.items(), columns, strict=True)
         }
     )
-    table.attrs |= {"skipped": answer.skipped, "query": query, "settings": settings}
+    asked = {"query": query, "settings": _settings_as_json(settings)}  # a file may hold them
+    table.attrs |= {"skipped": answer.skipped, **asked}
     return table
+
+
+def _settings_as_json(settings: SearchSettings) -> dict[str, Any]:
+    """Return what a search compares as JSON can hold it."""
+    return {**asdict(settings), "weights": dict(settings.weights)}
 
 
 def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:

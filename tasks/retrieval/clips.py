@@ -100,25 +100,26 @@ def read_path(
     import pandas  # as in `find_matches`
 
     match = _match(matches.loc[row])
-    text, settings = (matches.attrs.get(name) for name in ("query", "settings"))
-    if not isinstance(settings, SearchSettings) or not isinstance(text, str):
+    text, asked = (matches.attrs.get(name) for name in ("query", "settings"))
+    if not isinstance(asked, dict) or not isinstance(text, str):
         raise ValueError(
             "the table does not say what was searched for; give the one that find_matches returned"
         )
+    settings = SearchSettings(**{**asked, "weights": tuple(asked["weights"].items())})
     if settings.steps != "slope":
         raise ValueError(
             f"the path is known of the steps 'slope' and not of {settings.steps!r}; search so"
         )
     opened = _opened(archive)
     take = opened.take(match.take)  # first: it names what is like the name of a take that is gone
-    query, asked = find_query(opened, [], text, None)
+    query, clip = find_query(opened, [], text, None)
     packed, faults = read_packed_takes(opened.place, [take.record])
     if faults:
         raise ArchiveError(faults[match.take])
     explained, first = explain_found(query, packed[0], match, settings)
-    begin = round(asked["start"] * INDEX_RATE_HZ / query.rate_hz)
+    begin = round(clip["start"] * INDEX_RATE_HZ / query.rate_hz)
     frames = {
-        "query": _frames(begin + explained.pairs[:, 0], query.rate_hz, asked["end"]),
+        "query": _frames(begin + explained.pairs[:, 0], query.rate_hz, clip["end"]),
         "match": _frames(first + explained.pairs[:, 1], take.record.rate_hz, match.end),
     }
     return pandas.DataFrame({**frames, "distance": explained.distance})

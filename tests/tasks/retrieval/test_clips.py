@@ -1,5 +1,7 @@
 """The clip of a match and the path onto it are those of the archive and of the search."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -36,10 +38,13 @@ def test_the_clip_of_a_match_is_that_part_of_the_take(archive):
 
 
 @pytest.mark.kernels
-@pytest.mark.parametrize("options", [{}, {"mirror": True, "part": "arms"}, {"path_weight": 0.2}])
+@pytest.mark.parametrize(
+    "options", [{"weights": {"Head": 2.0}}, {"mirror": True, "part": "arms"}, {"path_weight": 0.2}]
+)
 def test_the_path_leads_from_end_to_end_and_has_the_distance_of_the_match(archive, options):
     location, _ = archive
     table = find_matches(open_archive(location), "asked:60-119", takes="answer", top=3, **options)
+    assert json.loads(json.dumps(table.attrs)) == table.attrs  # as files of tables keep them
     for row in table.index:
         path, match = read_path(location, table, row), table.loc[row]
         assert tuple(path.iloc[0][["query", "match"]]) == (60, match["start"])

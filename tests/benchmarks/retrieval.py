@@ -293,6 +293,9 @@ def chance_table(recorded: Recorded, queries: int) -> Iterable[str]:
                     chance = Chance(part_of, len(whole))
                     told += [chance.of(match.distance) for match in found(query, others, settings)]
             met = np.array([each for each in told if each is not None])
+            if not len(met):
+                yield f"{part:10} {long:6}        too few clips to tell a chance"
+                continue
             shares = " ".join(f"{(met <= each).mean() / each:8.2f}" for each in wanted)
             yield f"{part:10} {long:6} {len(met):6} {shares}"
 
@@ -365,7 +368,7 @@ def level_table(
                 other, distance, confirmed = measured[part]
                 below = distance < reach
                 repeats = share_true(confirmed[below])
-                of_all = repeats * below.sum() / (share_true(confirmed) * len(confirmed))
+                of_all = repeats * below.sum() / max(share_true(confirmed) * len(confirmed), 1.0)
                 line += f"        {(other < reach).mean():12.4f} {repeats:8.2f} {of_all:6.2f}"
             yield line
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def read_clip(
     archive: Archive | str | os.PathLike[str],
-    match: "Mapping[str, Any] | pandas.Series[Any] | Match",
+    match: "Mapping[str, Any] | pandas.Series | Match",
 ) -> "xarray.DataArray":
     """Return the positions of the joints in the frames of a match.
 
@@ -164,7 +164,7 @@ def _opened(archive: Archive | str | os.PathLike[str]) -> Archive:
     return archive if isinstance(archive, Archive) else open_archive(archive)
 
 
-def _match(match: "Mapping[str, Any] | pandas.Series[Any] | Match") -> Match:
+def _match(match: "Mapping[str, Any] | pandas.Series | Match") -> Match:
     """Return a match whatever it comes as."""
     if isinstance(match, Match):
         return match

@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test test-long coverage lint bench bench-poses clean
+.PHONY: setup demo test test-long coverage lint bench bench-poses bench-retrieval clean
 
 setup: .venv/installed
 
@@ -57,6 +57,10 @@ bench: setup
 # about a quarter of an hour: twenty captures filmed, digitized and scored
 bench-poses: setup
 	$(BIN)/python -m tests.benchmarks.poses
+
+# some minutes on one core: what is found, and what distances mean, where the truth is known
+bench-retrieval: setup
+	$(BIN)/python -m tests.benchmarks.retrieval
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

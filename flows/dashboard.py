@@ -261,6 +261,8 @@ def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
                 "frames": f"{match.start}-{match.end}",
                 "seconds": f"{match.start / record.rate_hz:.2f}-{match.end / record.rate_hz:.2f}",
                 "distance": f"{match.distance:.4f}",
+                "level": answer.meaning(match)["level"] or "-",
+                "by chance": answer.chance.in_words(match.distance),
                 "mirrored": "yes" if match.mirrored else "",
                 "performer": escaped(record.metadata.get("performer", "")),
                 "title": escaped(record.metadata.get("title", "")),

@@ -7,6 +7,7 @@ stands in the forms.
 
 import logging
 from collections import Counter
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -183,6 +184,7 @@ def search(
     part: Part = "whole",
     top: Annotated[int, Field(ge=1, le=_MOST_MATCHES)] = 10,
     threshold: Annotated[float, Field(ge=0, le=100)] = 0.0,
+    level: Literal["any", "same", "like"] = "any",
     mirror: bool = False,  # noqa: FBT001, FBT002 - a switch of a form
     path_weight: Annotated[float, Field(ge=0, le=100)] = 0.0,
     takes: Annotated[str, Field(max_length=200)] = "",
@@ -194,17 +196,20 @@ def search(
         part: The joints to compare.
         top: At most so many matches.
         threshold: Only matches whose distance is below this; 0 for no bound.
+        level: Only matches as near as the same dancer's same movement, or as another dancer's
+            (like); the threshold is then not looked at.
         mirror: Also look for the motion with left and right exchanged.
         path_weight: How much it counts where the dancer goes on the floor; 0 for not at all.
         takes: Search only in takes whose name matches, such as okuri*. Empty for all.
     """
     from flows.searching import search_archive
+    from tasks.retrieval.levels import threshold_of
     from tasks.retrieval.searching import SearchSettings
 
     served = _begin()
-    settings = SearchSettings(
-        part=part, top=top, threshold=threshold or None, mirror=mirror, path_weight=path_weight
-    )
+    settings = SearchSettings(part=part, top=top, mirror=mirror, path_weight=path_weight)
+    below = (threshold or None) if level == "any" else level
+    settings = replace(settings, threshold=threshold_of(below, settings))
     try:
         asked = _check_query(served, query)
         answer = search_archive.fn(served.archive, asked, settings, takes or None)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from urllib.parse import urlencode
 
 from storage.schema import JOINTS, parse_frames
+from tasks.retrieval.levels import LEVELS, level_thresholds
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import SearchSettings
 from tasks.retrieval.weighting import GREATEST_WEIGHT
@@ -43,6 +44,13 @@ class Asking:
             part=self.part, weights=tuple(self.weights.items()), mirror=self.mirror,
             path_weight=self.path_weight, threshold=self.threshold, top=self.top,
         )  # fmt: skip
+
+    def levels(self) -> dict[str, float]:
+        """Return the distance of each level; none where no joint has weight."""
+        try:
+            return level_thresholds(self.settings())
+        except ValueError:  # every weight is zero
+            return {}
 
     def weight(self, joint: str) -> float:
         """Return the weight of a joint."""
@@ -104,13 +112,20 @@ def read_address(values: Mapping[str, str]) -> tuple[Asking, list[str]]:
         end=end,
         part=part,
         top=int(_number(values, strange, "top", Asking.top, 1, MOST_MATCHES)),
-        threshold=_number(values, strange, "threshold", 0, 1e-4, 10) or None,
         mirror=values.get("mirror") == "yes",
         path_weight=_number(values, strange, "path", 0.0, 0.0, 100.0),
         match=int(_number(values, strange, "match", 1, 1, MOST_MATCHES)),
         searched=values.get("search") == "yes",
     )
-    return _read_weights(asking, values.get("weights", ""), strange), strange
+    asking = _read_weights(asking, values.get("weights", ""), strange)
+    return replace(asking, threshold=_threshold(values, strange, asking)), strange
+
+
+def _threshold(values: Mapping[str, str], strange: list[str], asking: Asking) -> float | None:
+    """Return the threshold of the address: a number, or the level that it names."""
+    if (name := values.get("threshold", "")) in LEVELS:
+        return asking.levels().get(name)
+    return _number(values, strange, "threshold", 0, 1e-4, 10) or None
 
 
 def _number(

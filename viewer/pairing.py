@@ -1,20 +1,18 @@
 """What a page needs to show a query and one match: clips, the warping path, why they are near."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.index.entries import Entry
 from storage.schema import JOINTS
 from tasks.rendering.drawing.stick_figures import FIGURE_LINES
-from tasks.retrieval.explaining import (
-    Explanation,
-    compared_about_shoulders,
-    explain_match,
-    samples_of_match,
-)
+from tasks.retrieval.answering import Answer
+from tasks.retrieval.chance import Chance, one_in
+from tasks.retrieval.clips import explain_found
+from tasks.retrieval.explaining import Explanation, compared_about_shoulders
+from tasks.retrieval.levels import level_of
 from tasks.retrieval.normalization import INDEX_RATE_HZ, OTHER_SIDE
 from tasks.retrieval.searching import Match, Query, SearchSettings, clip_motion, clip_take
 from tasks.retrieval.segments import PackedTake
@@ -104,35 +102,15 @@ def explain(
     holdings: Holdings, query: Query, other: Motion, match: Match, settings: SearchSettings
 ) -> tuple[Explanation, int]:
     """Return how a query was warped onto a match, and the sample at which the match starts."""
-    packed = _packed(holdings, other)
-    own = query.joints_present[OTHER_SIDE] if match.mirrored else query.joints_present
-    joints = own & packed.joints_present
-    starts, ends = samples_of_match(match.start, match.end, packed.rate_hz, packed.frames)
-    found: list[tuple[float, Explanation, int]] = []
-    faults = []
-    for first in starts:
-        for last in ends:
-            rows = np.asarray(packed.rows[:, first : last + 1])
-            try:
-                each = explain_match(query.rows, rows, joints, settings, mirrored=match.mirrored)
-            except ValueError as error:
-                faults.append(error)
-                continue
-            found.append((abs(each.total - match.distance), each, first))
-    if not found:
-        raise faults[0]
-    _, explained, first = min(found, key=lambda each: each[0])
-    return explained, first
+    return explain_found(query, _packed(holdings, other), match, settings)
 
 
-def listed(
-    holdings: Holdings, matches: Sequence[Match], records: Mapping[str, Entry]
-) -> list[dict[str, Any]]:
-    """Return the rows of a list of matches, with pictures of some poses of each."""
-    farthest = max((match.distance for match in matches), default=0.0) or 1.0
+def listed(holdings: Holdings, answer: Answer, texts: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return the rows of the list of the matches of an answer, with pictures of some poses."""
+    farthest = max((match.distance for match in answer.matches), default=0.0) or 1.0
     rows = []
-    for rank, match in enumerate(matches, start=1):
-        record = records[match.take]
+    for rank, match in enumerate(answer.matches, start=1):
+        record = answer.records[match.take]
         rows.append(
             {
                 "rank": rank,
@@ -145,10 +123,23 @@ def listed(
                 "distance": f"{match.distance:.3f}",
                 "share": round(100 * match.distance / farthest, 1),
                 "mirrored": match.mirrored,
+                "level": level_of(match.distance, answer.settings),
+                "chance": _chance_in_words(answer.chance, match.distance, texts),
                 "strip": strip_of(holdings.packed(record), match.start, match.end),
             }
         )
     return rows
+
+
+def _chance_in_words(chance: Chance, distance: float, texts: Mapping[str, str]) -> str:
+    """Return how many of the archive's clips are so near by chance; nothing if it is not known."""
+    share = chance.of(distance)
+    if share is None:
+        return ""
+    if (clips := one_in(share)) == 1:
+        return texts["most"]
+    name = "rarer_than_one_in" if share <= chance.least else "one_in"
+    return texts[name].format(count=f"{clips:,}")
 
 
 def strip_path(poses: NDArray[np.floating]) -> str:

@@ -71,7 +71,7 @@ def make_report(holdings: Holdings, answer: Answer, motion: Motion, language: st
     content = {
         "body": BODY,
         "texts": dict(texts),
-        "rows": listed(holdings, answer.matches, answer.records),
+        "rows": listed(holdings, answer, texts),
         "scores": scores,
         "query": _packed(motion, *clip),
         "matches": [

@@ -71,6 +71,23 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "up to {value}: joints {cm} cm apart on average, for a person of 1.6 m",
         "{value} まで: 身長 1.6 m で関節が平均 {cm} cm 離れる程度",
     ),
+    "level_same": ("same", "同一"),
+    "level_like": ("like", "類似"),
+    "level_same_title": (
+        "As near as the same dancer's same movement in another performance",
+        "同じ踊り手が別の機会に踊った同じ動きと同程度の近さ",
+    ),
+    "level_like_title": (
+        "As near as another dancer's same movement",
+        "別の踊り手が踊った同じ動きと同程度の近さ",
+    ),
+    "one_in": ("1 in {count}", "{count} に 1"),
+    "rarer_than_one_in": ("< 1 in {count}", "{count} に 1 未満"),
+    "most": ("most", "多数"),
+    "chance_title": (
+        "How many of the archive's clips are so near by chance, moving otherwise",
+        "別の動きなのに偶然これほど近い区間の割合（このアーカイブで測定）",
+    ),
     "top": ("Show at most", "最大件数"),
     "mirror": ("Also mirrored (left and right exchanged)", "左右反転も探す"),
     "path_weight": ("Count where the dancer goes", "軌跡も比べる"),

@@ -3,7 +3,7 @@
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,9 @@ def add_search_options(command: argparse.ArgumentParser) -> None:
         "--weight", action="append", default=[], metavar="JOINT=W", help="may be repeated"
     )
     command.add_argument("--top", type=int, default=10, metavar="N", help="at most N matches")
-    command.add_argument("--threshold", type=float, metavar="D", help="only distances below D")
+    command.add_argument(
+        "--threshold", metavar="D", help="only distances below D, or of the level same or like"
+    )
     command.add_argument("--mirror", action="store_true", help="also left and right exchanged")
     command.add_argument(
         "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
@@ -94,15 +96,17 @@ def search_settings(options: argparse.Namespace) -> "SearchSettings":
         With all that means nothing.
     """
     from tasks.retrieval.answering import parse_query
+    from tasks.retrieval.levels import threshold_of
     from tasks.retrieval.searching import SearchSettings
     from tasks.retrieval.weighting import joint_weights
 
-    given = {each.name for each in fields(SearchSettings)} - {"weights"}
+    given = {each.name for each in fields(SearchSettings)} - {"weights", "threshold"}
     settings = SearchSettings(
         weights=_weights(options.weight), **{name: getattr(options, name) for name in given}
     )
     try:
         joint_weights(settings)
+        settings = replace(settings, threshold=threshold_of(options.threshold, settings))
         parse_query(options.query)
     except ValueError as error:
         raise UsageError(str(error)) from error

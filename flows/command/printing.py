@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -166,6 +166,8 @@ def print_answer(answer: "Answer", *, as_json: bool) -> None:
     print_matches(answer)
     for take, reason in answer.skipped.items():
         say(f"not compared: {take}: {reason}")
+    for line in _what_it_means(answer):
+        say(line)
     say(
         f"{len(answer.matches)} matches in {len({m.take for m in answer.matches})} takes; searched "
         f"{answer.searched_takes} takes, {answer.searched_frames:,} frames, "
@@ -175,7 +177,8 @@ def print_answer(answer: "Answer", *, as_json: bool) -> None:
 
 def print_matches(answer: "Answer", *, most: int | None = None) -> None:
     """Print the matches of a search as a table, the first `most` of them."""
-    heads = (">rank", ">distance", "take", ">frames", ">seconds", "performer", "title")
+    heads = (">rank", ">distance", "level", "by chance", "take", ">frames", ">seconds", "performer")
+    heads = (*heads, "title")
     rows = []
     for rank, match in enumerate(answer.matches[:most], start=1):
         record = answer.records[match.take]
@@ -184,6 +187,8 @@ def print_matches(answer: "Answer", *, most: int | None = None) -> None:
             (
                 str(rank),
                 f"{match.distance:.4f}",
+                answer.meaning(match)["level"] or "-",
+                answer.chance.in_words(match.distance),
                 match.take + (" (mirrored)" if match.mirrored else ""),
                 f"{match.start}-{match.end}",
                 f"{start_s:.2f}-{end_s:.2f}",
@@ -192,6 +197,29 @@ def print_matches(answer: "Answer", *, most: int | None = None) -> None:
         )
     if rows:
         print_table(heads, rows)
+
+
+def _what_it_means(answer: "Answer") -> Iterator[str]:
+    """Yield what the columns `level` and `by chance` of a table of matches mean."""
+    if not answer.matches:
+        return
+    from tasks.retrieval.levels import level_thresholds
+
+    meanings = {
+        "same": "as near as the same dancer's same movement",
+        "like": "as near as another dancer's",
+    }
+    if levels := level_thresholds(answer.settings):
+        named = (f"{name}: {meanings[name]} (below {d:g})" for name, d in levels.items())
+        say_levels = "; ".join(named)
+        yield f"{say_levels}; -: nothing like it"
+    if answer.chance.can_be_told:
+        yield (
+            f"by chance: of the {answer.chance.clips:,} clips of these takes, how many are so near "
+            "that move otherwise"
+        )
+    else:
+        yield "by chance: cannot be told, for these takes have too few clips as long as the query"
 
 
 def _described(record: Record | Entry) -> dict[str, Any]:

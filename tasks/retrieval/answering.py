@@ -9,7 +9,7 @@ import os
 import re
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,9 @@ from storage.index.catalogue import Listing
 from storage.index.entries import Entry
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.chance import Chance, choose_pieces, cut_piece, measure_pieces
+from tasks.retrieval.levels import level_of, level_thresholds, threshold_of
+from tasks.retrieval.normalization import sample_count
 from tasks.retrieval.opening import (
     OpenedSegment,
     open_segments,
@@ -52,6 +55,8 @@ _COLUMNS = {
     "end": int,
     "distance": float,
     "mirrored": bool,
+    "level": object,
+    "chance": float,
     "performer": object,
     "title": object,
 }
@@ -75,16 +80,29 @@ class Answer:
     searched_takes: int
     searched_frames: int
     seconds: float
+    chance: Chance = field(default_factory=Chance, repr=False)
+    """How near the clips of these takes are to the query by chance."""
+
+    def meaning(self, match: Match) -> dict[str, Any]:
+        """Return what the distance of a match means, as JSON: its `level` and `chance`, or None."""
+        chance = self.chance.of(match.distance)
+        return {
+            "level": level_of(match.distance, self.settings),
+            "chance": None if chance is None else float(f"{chance:.3g}"),
+        }
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as `search --json` prints it (docs/contract.md, section 6)."""
         matches = [
-            {"rank": rank, **asdict(match)} for rank, match in enumerate(self.matches, start=1)
+            {"rank": rank, **asdict(match), **self.meaning(match)}
+            for rank, match in enumerate(self.matches, start=1)
         ]
         return {
             "query": self.query,
-            "settings": {**asdict(self.settings), "weights": dict(self.settings.weights)},
+            "settings": _settings_as_json(self.settings),
             "matches": matches,
+            "levels": level_thresholds(self.settings),
+            "clips": {"searched": self.chance.clips, "sampled": len(self.chance.distance)},
             "searched": {"takes": self.searched_takes, "frames": self.searched_frames},
             "skipped": [{"take": take, "reason": why} for take, why in self.skipped.items()],
             "seconds": round(self.seconds, 3),
@@ -124,7 +142,7 @@ def answer_query(
     listing = archive.listing()
     for fault in listing.snapshot.faults:
         logger.warning("%s", fault)
-    query, asked = _find_query(archive, listing, text, imported)
+    query, asked = find_query(archive, listing, text, imported)
 
     def is_searched(take: str) -> bool:
         return takes is None or fnmatchcase(take, takes)
@@ -147,6 +165,7 @@ def answer_query(
         skipped=skipped,
         searched_takes=len(compared),
         searched_frames=sum(record.frames for record in compared),
+        chance=_measure_chance(archive, compared, query, settings),
         seconds=time.perf_counter() - begin,
     )
 
@@ -158,7 +177,7 @@ def find_matches(
     part: str = "whole",
     weights: Mapping[str, float] | None = None,
     top: int = 10,
-    threshold: float | None = None,
+    threshold: float | str | None = None,
     mirror: bool = False,
     path_weight: float = 0.0,
     steps: str = "slope",
@@ -174,7 +193,9 @@ def find_matches(
         TAKE[:START-END] or FILE[:START-END], frames 0-based and inclusive.
     weights
         Joint to weight, in place of the part's: 1 for its joints, 0 for the others.
-    part, top, threshold, mirror, path_weight, steps
+    threshold
+        Only matches nearer than this: statures, or the name of a level, "same" or "like".
+    part, top, mirror, path_weight, steps
         As in `SearchSettings`.
     takes
         Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
@@ -183,8 +204,11 @@ def find_matches(
     -------
     pandas.DataFrame
         A row a match, the nearest first: `rank`, `take`, `start`, `end` (frames of the take,
-        inclusive), `distance` (statures), `mirrored`, `performer` and `title` (None where the
-        metadata have none). `attrs["skipped"]` says by take what could not be compared, and why.
+        inclusive), `distance` (statures), `mirrored`, `level` ("same", "like" or None), `chance`
+        (the share of the archive's clips that are so near by chance; NaN where the archive is too
+        small to tell), `performer` and `title` (None where the metadata have none).
+        `attrs["skipped"]` says by take what could not be compared, and why; `attrs["query"]` and
+        `attrs["settings"]` what was asked.
 
     Raises
     ------
@@ -200,14 +224,16 @@ def find_matches(
         steps=steps,
         mirror=mirror,
         path_weight=path_weight,
-        threshold=threshold,
         top=top,
     )
+    settings = replace(settings, threshold=threshold_of(threshold, settings))
     answer = answer_query(location, query, settings, takes)
     rows = []
     for rank, match in enumerate(answer.matches, start=1):
         about = answer.records[match.take].metadata
-        rows.append((rank, *astuple(match), about.get("performer"), about.get("title")))
+        meaning = answer.meaning(match).values()
+        named = about.get("performer"), about.get("title")
+        rows.append((rank, *astuple(match), *meaning, *named))
     columns = zip(*rows, strict=True) if rows else [()] * len(_COLUMNS)
     table = pandas.DataFrame(
         {
@@ -217,8 +243,14 @@ def find_matches(
             for (name, kind), values in zip(_COLUMNS.items(), columns, strict=True)
         }
     )
-    table.attrs["skipped"] = answer.skipped
+    asked = {"query": query, "settings": _settings_as_json(settings)}  # a file may hold them
+    table.attrs |= {"skipped": answer.skipped, **asked}
     return table
+
+
+def _settings_as_json(settings: SearchSettings) -> dict[str, Any]:
+    """Return what a search compares as JSON can hold it."""
+    return {**asdict(settings), "weights": dict(settings.weights)}
 
 
 def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
@@ -273,6 +305,23 @@ def _search(
     )
 
 
+def _measure_chance(
+    archive: Archive, compared: Sequence[Entry], query: Query, settings: SearchSettings
+) -> Chance:
+    """Return how near the clips of the takes that were compared are by chance."""
+    samples = [sample_count(entry.frames, entry.rate_hz) for entry in compared]
+    chosen = choose_pieces(samples, query.rows.shape[1])
+    asked = [compared[which] for which in dict.fromkeys(which for which, _, _ in chosen)]
+    packed, _ = read_packed_takes(archive.place, asked)
+    by_name = {take.name: take for take in packed}
+    pieces = [
+        cut_piece(by_name[compared[which].take], first, count)
+        for which, first, count in chosen
+        if compared[which].take in by_name
+    ]
+    return measure_pieces(query, pieces, sum(samples), settings)
+
+
 def _search_whole(
     query: Query,
     opened: list[OpenedSegment],
@@ -295,13 +344,13 @@ def _search_whole(
         return Found(found.matches, skipped | found.skipped, found.too_short)
 
 
-def _find_query(
+def find_query(
     archive: Archive,
     listing: Listing,
     text: str,
     imported: "ImportSettings | None",
 ) -> tuple[Query, dict[str, Any]]:
-    """Return the query, and how the answer speaks of it."""
+    """Return the query in `text`, and how an answer speaks of it; raises as `answer_query`."""
     name, clip = parse_query(text)
     if Path(name).suffix.lower() in MOTION_SUFFIXES:
         from tasks.motion.importing import (  # only where a file is read

@@ -144,7 +144,7 @@ def test_wrong_settings_are_refused_before_prefect_starts(archive, capsys, tmp_p
 def test_search_finds_the_clip_itself_first(archive, capsys):
     code, out, err = run(capsys, "search", archive, "okuri48:20-50", "--part", "arms", "--top", 3)
     assert code == 0
-    assert re.search(r"\n +1 +0\.0000 +okuri48 +20-50 +0\.67-1\.67 +TK +Okuri 48\n", out)
+    assert re.search(r"\n +1 +0\.0000 +same +\S.* okuri48 +20-50 +0\.67-1\.67 +TK +Okuri 48\n", out)
     assert re.search(r"3 matches in \d takes; searched 4 takes, 326 frames, in", err)
 
 
@@ -170,7 +170,11 @@ def test_search_prints_the_json_of_the_design(archive, capsys):
         "end": 50,
         "distance": 0.0,
         "mirrored": False,
+        "level": "same",
+        "chance": None,
     }
+    assert list(answer["levels"]) == ["same", "like"]
+    assert answer["clips"]["sampled"] < 50  # too few: no chance is told
     assert answer["searched"] == {"takes": 4, "frames": 326}
     assert answer["skipped"] == []
     assert answer["seconds"] > 0
@@ -201,7 +205,8 @@ def test_the_index_changes_no_answer(archive, capsys):
         capsys, "search", archive, "okuri48:20-50", "--part", "legs", "--mirror", "--json"
     )
     found = json.loads(out)["matches"]
-    assert [{"rank": i, **asdict(m)} for i, m in enumerate(direct, start=1)] == found
+    told = [{key: match[key] for key in ("rank", *asdict(direct[0]))} for match in found]
+    assert [{"rank": i, **asdict(m)} for i, m in enumerate(direct, start=1)] == told
     assert len(found) > 3
 
 
@@ -213,6 +218,38 @@ def test_searching_some_takes_and_below_a_threshold(archive, capsys):
     )
     assert (code, out) == (0, "")
     assert "0 matches" in err
+
+
+def test_a_threshold_may_be_a_level(archive, capsys):
+    asked = ("search", archive, "okuri48:20-50", "--part", "feet", "--json")
+    _, out, _ = run(capsys, *asked, "--threshold", "like")
+    like = json.loads(out)
+    reach = like["settings"]["threshold"]
+    assert reach == like["levels"]["like"] > like["levels"]["same"]
+    _, out, _ = run(capsys, *asked, "--threshold", reach)
+    assert json.loads(out)["matches"] == like["matches"]
+    assert {match["level"] for match in like["matches"]} <= {"same", "like"}
+    _, out, _ = run(capsys, *asked, "--threshold", "same")
+    assert [m for m in like["matches"] if m["level"] == "same"] == json.loads(out)["matches"]
+
+
+@pytest.mark.parametrize("threshold", ["foo", "", "nan", "0", "-1", "SAME"])
+def test_a_threshold_that_means_nothing_is_refused(archive, capsys, threshold):
+    code, out, err = run(capsys, "search", archive, "okuri48", f"--threshold={threshold}")
+    assert (code, out) == (2, "")
+    assert f"the threshold is {threshold}" in err
+    assert "give a distance above 0, same or like" in err
+
+
+def test_levels_are_of_the_steps_that_they_were_measured_with(archive, capsys):
+    asked = ("search", archive, "okuri48:20-50", "--steps", "paper")
+    code, _, err = run(capsys, *asked, "--threshold", "same")
+    assert code == 2
+    assert "the threshold 'same' has no meaning with the steps 'paper'" in err
+    _, out, _ = run(capsys, *asked, "--json")
+    answer = json.loads(out)
+    assert answer["levels"] == {}
+    assert {match["level"] for match in answer["matches"]} == {None}
 
 
 def test_a_search_pays_neither_for_prefect_nor_for_zarr(archive):

@@ -146,6 +146,10 @@ def test_matches_are_a_table_without_links_where_no_viewer_is_known(answer):
     assert (first["rank"], first["take"], first["frames"]) == ("1", "salsa_01", "30-90")
     assert (first["seconds"], first["distance"], first["mirrored"]) == ("1.00-3.00", "0.0312", "")
     assert (second["mirrored"], second["title"]) == ("yes", "Okuri")
+    assert [(row["level"], row["by chance"]) for row in (first, second)] == [
+        ("same", "?"),
+        ("-", "?"),
+    ]
     assert "<" not in first["title"]
     assert not re.search(r"(?<!\\)\]\(", first["title"])
 

@@ -156,6 +156,18 @@ def test_what_is_asked_comes_back_from_its_address():
     assert asking.settings().weights == (("RFoot", 0.5), ("Head", 2.0))
 
 
+def test_an_address_may_name_a_level():
+    asking, strange = read_address({"part": "arms", "threshold": "like"})
+    assert strange == []
+    assert asking.threshold == asking.levels()["like"] > asking.levels()["same"]
+    assert asking.threshold != read_address({"threshold": "like"})[0].threshold
+    _, strange = read_address({"threshold": "near"})
+    assert strange == ["threshold=near"]
+    weights = ",".join(f"{joint}:0" for joint in JOINTS)
+    asking, strange = read_address({"weights": weights, "threshold": "like"})
+    assert (asking.threshold, asking.levels(), strange) == (None, {}, [])
+
+
 def test_takes_are_found_by_all_words_of_their_metadata(holdings):
     records, _ = holdings.records()
     assert [r.take for r in matching(records, "the ASKED tk")] == ["asked"]

@@ -191,6 +191,14 @@ def test_each_setting_changes_what_is_compared(open_page):
     wait(page, "() => document.body.textContent.includes('cm apart on average')")
     page.click("[data-control=search]")
     wait(page, "() => document.querySelectorAll('.result').length === 1")
+    page.click("[data-level=like]")
+    wait(page, "() => document.querySelector('[data-level=like]').ariaPressed === 'true'")
+    reach = page.input_value("[data-control=threshold]")
+    page.click("[data-part=arms]")  # the level stays, and is another distance then
+    wait(page, "v => document.querySelector('[data-control=threshold]').value !== v", reach)
+    assert page.get_attribute("[data-level=like]", "aria-pressed") == "true"
+    page.click("[data-level=like]")
+    wait(page, "() => !location.search.includes('threshold')")
     page.locator("[data-control=path]").evaluate(
         "e => { e.value = 0.5; e.dispatchEvent(new Event('change')); }"
     )
@@ -209,7 +217,7 @@ def test_results_are_chosen_by_click_and_by_keys(open_page):
     wait(page, "() => location.search.includes('match=2')")
     page.keyboard.press("ArrowUp")
     wait(page, "first => window.shosa.score.match.start === first.start", first)
-    distances = [float(text) for text in page.locator(".far").all_inner_texts()]
+    distances = [float(text.split()[0]) for text in page.locator(".far").all_inner_texts()]
     assert distances == sorted(distances)
 
 

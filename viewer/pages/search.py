@@ -276,7 +276,7 @@ class SearchPage:
             self.found.wait(len(records))
             clip = (asking.start or 0, asking.end or 0)
             answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
-            rows = await to_thread(listed, self.holdings, answer.matches, answer.records)
+            rows = await to_thread(listed, self.holdings, answer, self.shell.texts)
             self.asked = replace(asking, searched=True, match=rank)
             self.matches = answer.matches
             self.found.list(answer, rows, f"/report?{self.asked.report_address()}")

@@ -7,6 +7,7 @@ from nicegui import ui
 
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.levels import LEVELS
 from tasks.retrieval.normalization import PARTS
 from viewer.asking import MOST_MATCHES, Asking
 from viewer.pages.components import button, check, field, give, say, tag
@@ -26,6 +27,7 @@ class SearchForm:
         self.shell, self.asking, self.changed = shell, asking, changed
         self.parts: dict[str, ui.element] = {}
         self.sliders: dict[str, tuple[ui.element, ui.element]] = {}
+        self.levels: dict[str, ui.element] = {}
         texts = shell.texts
         tag("h2", texts["step_joints"])
         with tag("div", classes="parts", role="group"):
@@ -57,6 +59,12 @@ class SearchForm:
                 data_control="threshold", aria_label=texts["threshold"],
             )  # fmt: skip
         self.meaning = tag("small")
+        with tag("div", classes="parts", role="group"):
+            for level in LEVELS:
+                self.levels[level] = button(
+                    texts[f"level_{level}"], lambda level=level: self.choose_level(level),
+                    title=texts[f"level_{level}_title"], data_level=level,
+                )  # fmt: skip
         with tag("label", classes="row"):
             tag("span", texts["top"])
             field(
@@ -86,8 +94,13 @@ class SearchForm:
     def set_threshold(self, text: str) -> None:
         """Take another threshold; the last place of the slider means none."""
         value = round(float(text), 4)
-        give(self.threshold, value=text)
         self.take(replace(self.asking, threshold=None if value > _WIDEST else value))
+
+    def choose_level(self, level: str) -> None:
+        """Take the threshold of a level, or none where it was chosen already."""
+        reach = self.asking.levels().get(level)
+        chosen = None if self.asking.threshold == reach else reach
+        self.take(replace(self.asking, threshold=chosen))
 
     def set_top(self, text: str) -> None:
         """List another number of matches; what is no number is left as it was."""
@@ -99,7 +112,11 @@ class SearchForm:
         self.take(replace(self.asking, path_weight=float(text)))
 
     def take(self, asking: Asking) -> None:
-        """Take what is asked now, show it, and tell it."""
+        """Take what is asked now, show it, and tell it; a level stays that level."""
+        before = self.asking
+        level = next((k for k, reach in before.levels().items() if reach == before.threshold), None)
+        if level and asking.threshold == before.threshold:
+            asking = replace(asking, threshold=asking.levels().get(level))
         self.changed(asking)
         self.asking = asking
         self.show()
@@ -123,3 +140,8 @@ class SearchForm:
             cm = f"{100 * value * DEFAULT_STATURE_M:.0f}"
             said = texts.text("threshold_means", value=f"{value:g}", cm=cm)
         say(self.meaning, said)
+        give(self.threshold, value=f"{_WIDEST + THRESHOLD_STEP if value is None else value:g}")
+        levels = asking.levels()
+        for level, pressed in self.levels.items():
+            chosen = value is not None and value == levels.get(level)
+            give(pressed, **{"aria-pressed": "true" if chosen else "false"})

@@ -28,8 +28,10 @@ function button(row, n) {
   made.className = "result"; made.type = "button"; made.dataset.rank = row.rank;
   svg.setAttribute("viewBox", "0 0 96 40"); path.setAttribute("d", row.strip); svg.append(path);
   const texts_ = [String(row.rank), `${row.title}`, `${row.performer}${row.mirrored ? ` · ${texts.mirrored}` : ""} ${row.first}–${row.last} · ${row.seconds} s`, row.distance];
+  const meant = [row.level && texts[`level_${row.level}`], row.chance].filter(Boolean);
   const [rank, what, far] = ["span", "span", "span"].map((name) => document.createElement(name)), small = document.createElement("small");
   rank.textContent = texts_[0]; what.textContent = texts_[1]; small.textContent = texts_[2]; far.textContent = texts_[3]; far.className = "far";
+  for (const each of meant) far.append(Object.assign(document.createElement("small"), { textContent: each }));
   what.append(small); made.append(rank, svg, what, far);
   made.addEventListener("click", () => open(n));
   return made;

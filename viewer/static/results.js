@@ -8,7 +8,7 @@ export default {
       <span class="rank">{{ m.rank }}</span>
       <svg class="poses" viewBox="0 0 96 40" aria-hidden="true"><path :d="m.strip"></path></svg>
       <span class="what"><b>{{ m.title }}</b><small>{{ m.performer }}<template v-if="m.mirrored"> · {{ texts.mirrored }}</template></small><small>{{ m.first }}–{{ m.last }} · {{ m.seconds }} s</small></span>
-      <span class="far"><i :style="{width: m.share + '%'}"></i>{{ m.distance }}</span>
+      <span class="far"><i :style="{width: m.share + '%'}"></i>{{ m.distance }}<small v-if="m.level" :title="texts['level_' + m.level + '_title']">{{ texts['level_' + m.level] }}</small><small v-if="m.chance" :title="texts.chance_title">{{ m.chance }}</small></span>
     </button>
   </div>`,
   props: { matches: Array, chosen: Number, texts: Object },

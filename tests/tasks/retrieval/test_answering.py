@@ -48,11 +48,13 @@ def test_the_table_has_the_matches_of_the_answer(archive, options, settings, tak
     settings = settings or SearchSettings(weights=(("RFoot", 2.0), ("Head", 0.0)))
     table = find_matches(archive, "okuri48:20-50", **options)
     answer = answer_query(str(archive), "okuri48:20-50", settings, takes)
-    rows = table.drop(columns=["performer", "title"]).to_dict("records")
+    rows = table.drop(columns=["performer", "title", "level", "chance"]).to_dict("records")
     expected = [{"rank": rank, **asdict(m)} for rank, m in enumerate(answer.matches, start=1)]
     assert rows == expected
     assert rows
     assert table.attrs["skipped"] == answer.skipped
+    assert list(table["level"]) == [answer.meaning(match)["level"] for match in answer.matches]
+    assert table["chance"].isna().all()  # three short takes are too few
 
 
 def test_an_open_archive_a_path_and_a_text_are_the_same_archive(archive):
@@ -72,12 +74,19 @@ def test_the_table_says_who_danced_what_and_what_was_not_compared(archive):
     assert "too short" in table.attrs["skipped"]["brief"]
 
 
+def test_a_level_is_a_threshold(archive):
+    near = find_matches(archive, "okuri48:20-50", threshold="like")
+    every = find_matches(archive, "okuri48:20-50")
+    assert len(near) == every["level"].notna().sum() > 0
+
+
 def test_a_table_without_matches_has_the_same_columns_and_kinds(archive):
     empty = find_matches(archive, "okuri48:20-50", takes="okuri49", threshold=1e-9)
     some = find_matches(archive, "okuri48:20-50")
     assert len(empty) == 0
     assert list(empty.columns) == [
-        *("rank", "take", "start", "end", "distance", "mirrored", "performer", "title")
+        *("rank", "take", "start", "end", "distance", "mirrored", "level", "chance"),
+        *("performer", "title"),
     ]
     assert empty.dtypes.equals(some.dtypes)
     assert some["distance"].dtype == np.float64
@@ -89,5 +98,7 @@ def test_what_cannot_be_asked_is_refused_as_on_the_command_line(archive, tmp_pat
         find_matches(archive, "okuri47")
     with pytest.raises(ValueError, match="no part 'foot'; did you mean feet"):
         find_matches(archive, "okuri48", part="foot")
+    with pytest.raises(ValueError, match="the threshold is near; give a distance above 0, same or"):
+        find_matches(archive, "okuri48", threshold="near")
     with pytest.raises(InputError, match=r"is not an archive: it has no archive\.json"):
         find_matches(Path(tmp_path / "inbox"), "okuri48")

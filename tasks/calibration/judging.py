@@ -139,13 +139,19 @@ def tie_faults(
 
 
 def result_faults(
-    adjusted: Adjusted, board: Board, names: Sequence[str], rms_px: Sequence[float],
-    sizes: Sequence[tuple[int, int]],
+    adjusted: Adjusted, views: Sequence[View], names: Sequence[str], rms_px: Sequence[float],
+    sizes: Sequence[tuple[int, int]], board: Board,
 ) -> list[str]:  # fmt: skip
     """Return why the outcome of an adjustment cannot be used."""
     faults = []
     for n, name in enumerate(names):
-        if adjusted.focal_error[n] > _BAD_FOCAL:
+        count = sum(view.camera == n for view in views)
+        if count < FEWEST_VIEWS:
+            faults.append(
+                f"camera {name!r} sees the board in {_moments(count)}, where {FEWEST_VIEWS} are "
+                f"needed and {_GOOD_VIEWS} are good: film it in more places"
+            )
+        elif adjusted.focal_error[n] > _BAD_FOCAL:
             faults.append(
                 f"camera {name!r}: its focal length is not determined (within "
                 f"{adjusted.focal_error[n]:.0%}); {_TILT}"

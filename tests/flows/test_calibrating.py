@@ -16,7 +16,7 @@ from tests.figures.films import write_film
 from tests.tasks.calibration.test_solving import errors
 
 CHECKERS = Board(6, 5, 0.13)
-CHARUCO = Board(5, 4, 0.15, "DICT_4X4_50")
+CHARUCO = Board(5, 3, 0.2, "DICT_4X4_50")
 
 
 def poses_of(board, count=8):
@@ -97,10 +97,10 @@ def test_films_and_offsets_become_a_calibration(tmp_path, capsys, cameras):
         write_film(tmp_path / f"{name}.mkv", frames, codec="ffv1", pixels="yuv444p", rate=5)
     (tmp_path / "capture.toml").write_text("[video]\noffset_s = { cam2 = 0.2 }\n")
     code, out, _ = calibrate(
-        capsys, tmp_path, "--square-m", 0.15, "--floor-frame", f"cam1:{len(poses) - 1}"
+        capsys, tmp_path, "--square-m", 0.2, "--floor-frame", f"cam1:{len(poses) - 1}"
     )
     assert code == 0
-    assert "ChArUco board of 5x4 corners" in out
+    assert "ChArUco board of 5x3 corners" in out
     found, _ = read_calibration(tmp_path / "calibration.toml")
     off = errors(found, two, CHARUCO)
     assert off[:, 0].max() < 40
@@ -211,7 +211,7 @@ def test_mirrored_pictures_of_markers_are_told(tmp_path, capsys, cameras):
     assert code == 3
     assert "the pictures are mirrored; film without mirroring" in err
     both = {**films, "other": mirrored["cam2"]}
-    code, out, _ = calibrate(capsys, write_pictures(tmp_path / "one", both), "--square-m", 0.15)
+    code, out, _ = calibrate(capsys, write_pictures(tmp_path / "one", both), "--square-m", 0.2)
     assert code == 3
-    assert "BAD camera 'other': the ChArUco board of 5x4 corners" in out
+    assert "BAD camera 'other': the ChArUco board of 5x3 corners" in out
     assert "but in their mirror images: film without mirroring" in out

@@ -55,8 +55,13 @@ def _recognized(
             f"no {'' if charuco else 'checkerboard or '}ChArUco board is found: film it large, "
             "whole, in focus and evenly lit, with a white margin as wide as a square"
         )
-    larger = [s for s in found.sizes if size is not None and s[0] * s[1] > size[0] * size[1]]
-    if larger and tuple(sorted(size or (), reverse=True)) not in found.sizes:
+    # a board that is cut off shows another size in each picture
+    sure = len(found.sizes) == 1
+    if size is not None and tuple(sorted(size, reverse=True)) not in found.sizes:
+        sure = sure or any(s[0] * s[1] > size[0] * size[1] for s in found.sizes)
+    else:
+        sure = False
+    if sure:
         raise InputError(wrong_size(found.board, found.sizes))
     return found.board
 

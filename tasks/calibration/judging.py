@@ -92,7 +92,8 @@ def wrong_size(board: Board, sizes: Sequence[tuple[int, int]]) -> str:
         hint = " (corners between squares are counted, not squares)"
     return (
         f"the board in the pictures has {seen[0]}x{seen[1]} corners, and "
-        f"{board.columns}x{board.rows} were given{hint}: give --board {seen[0]}x{seen[1]}"
+        f"{board.columns}x{board.rows} were given{hint}: give --board {seen[0]}x{seen[1]}, or film "
+        "all of it"
     )
 
 

@@ -61,6 +61,7 @@ def calibrate(capsys, *arguments):
     return code, captured.out, captured.err
 
 
+@pytest.mark.slow
 def test_pictures_become_a_calibration(tmp_path, capsys, cameras, checkers):
     folder = write_pictures(tmp_path / "boards", checkers)
     (folder / "calibration.toml").write_text("mine")
@@ -88,6 +89,7 @@ def test_pictures_become_a_calibration(tmp_path, capsys, cameras, checkers):
     assert "note: Camera 'cam1' has" in out
 
 
+@pytest.mark.slow
 def test_films_and_offsets_become_a_calibration(tmp_path, capsys, cameras):
     two = cameras[:2]
     poses = poses_of(CHARUCO)
@@ -115,6 +117,7 @@ def test_the_side_of_a_square_is_asked_for(tmp_path, capsys, checkers):
     assert "--square-m 0.03" in err
 
 
+@pytest.mark.slow
 def test_a_wrong_size_is_told_with_the_right_one(tmp_path, capsys, checkers):
     folder = write_pictures(tmp_path, checkers)
     code, _, err = calibrate(capsys, folder, "--square-m", 0.13, "--board", "5x4")
@@ -169,6 +172,7 @@ def test_pictures_without_a_board_are_refused(tmp_path, capsys, checkers):
     assert "no checkerboard or ChArUco board is found" in err
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_each_camera_is_named(tmp_path, capsys, checkers):
     """A board that is never whole, and pictures of two sizes: at once, and nothing is written."""
     cut = checkers["cam2"][:5].copy()
@@ -204,6 +208,8 @@ def test_a_board_that_is_too_small_is_told(checkers):
     assert "it is too small, its squares have 4 px from side to side; hold it nearer" in said
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_mirrored_pictures_of_markers_are_told(tmp_path, capsys, cameras):
     films = filmed(CHARUCO, cameras[1:2], poses_of(CHARUCO)[:3])
     mirrored = {name: pictures[:, :, ::-1].copy() for name, pictures in films.items()}

@@ -173,13 +173,19 @@ def detector_of(board: Board) -> Any:
 
 
 def _find_charuco(gray: NDArray[np.uint8], board: Board) -> Found | None:
-    corners, ids, _, _ = detector_of(board).detectBoard(gray)
-    if corners is None or ids is None or len(ids) < FEWEST_CORNERS:
-        return None
-    numbers = np.asarray(ids).ravel().astype(np.intp)
-    if len(set(numbers // board.columns)) < 2 or len(set(numbers % board.columns)) < 2:
-        return None  # on a line, where no plane is fixed
-    return numbers, np.asarray(corners, np.float64).reshape(-1, 2)
+    """Return the corners between markers that are read, of small pictures enlarged if need be."""
+    for scale in (1.0, 2.0) if max(gray.shape) < _ENLARGED_PX else (1.0,):
+        searched = gray if scale == 1.0 else _scaled(gray, scale)
+        corners, ids, _, _ = detector_of(board).detectBoard(searched)
+        if corners is None or ids is None or len(ids) < FEWEST_CORNERS:
+            continue
+        numbers = np.asarray(ids).ravel().astype(np.intp)
+        rows, columns = np.divmod(numbers, board.columns)
+        if len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2:
+            continue  # on a line, where no plane is fixed
+        pixel = np.asarray(corners, np.float64).reshape(-1, 2)
+        return numbers, (pixel + 0.5) / scale - 0.5
+    return None
 
 
 def _scaled(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:

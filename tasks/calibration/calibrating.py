@@ -55,8 +55,11 @@ def _recognized(
             f"no {'' if charuco else 'checkerboard or '}ChArUco board is found: film it large, "
             "whole, in focus and evenly lit, with a white margin as wide as a square"
         )
+    wanted = None if size is None else tuple(sorted(size, reverse=True))
     larger = [s for s in found.sizes if size is not None and s[0] * s[1] > size[0] * size[1]]
-    if larger and tuple(sorted(size or (), reverse=True)) not in found.sizes:
+    # a board that is cut off shows another size in each picture
+    sure = len(found.sizes) == 1 or larger
+    if wanted is not None and sure and wanted not in found.sizes:
         raise InputError(wrong_size(found.board, found.sizes))
     return found.board
 

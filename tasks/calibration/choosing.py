@@ -39,7 +39,7 @@ def choose_moments(
     """Return the moments whose views say most, in the order in which they were chosen.
 
     Each next one is that whose views are farthest from those chosen already, most of all where it
-    ties cameras that little ties, and counts less the more the board moves.
+    ties cameras that little ties; the more the board moves, the later.
 
     Parameters
     ----------
@@ -63,17 +63,19 @@ def choose_moments(
 
     def worth(moment: int) -> float:
         seen = left[moment]
-        new = sum(min(distance[id(view)] / _NEW, 1.0) / (1 + view.motion_px) for view in seen)
-        still = 1 / (1 + max(view.motion_px for view in seen))
+        new = sum(min(distance[id(view)] / _NEW, 1.0) for view in seen)
         cameras = sorted(view.camera for view in seen)
-        tied = sum(_TIE / (1 + ties.get(pair, 0)) for pair in combinations(cameras, 2))
-        return new + still * tied
+        return new + sum(_TIE / (1 + ties.get(pair, 0)) for pair in combinations(cameras, 2))
+
+    def still(moment: int) -> float:
+        return worth(moment) / (1 + max(view.motion_px for view in left[moment]))
 
     while left and len(chosen) < MOST_MOMENTS:
         asked = [moment for moment in always if moment in left]
-        best = asked[0] if asked else max(left, key=worth)
-        if not asked and worth(best) < _ENOUGH:
+        telling = asked or [moment for moment in left if worth(moment) >= _ENOUGH]
+        if not telling:
             break
+        best = max(telling, key=still)
         seen = left.pop(best)
         chosen.append(best)
         for pair in combinations(sorted(view.camera for view in seen), 2):

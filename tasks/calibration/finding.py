@@ -96,7 +96,7 @@ def plan_moments(
     labels = [f"{time:.2f} s" for time in times] + names
     if isinstance(on_floor, float):
         return plan, labels, times.index(on_floor)
-    return plan, labels, numbers.get(on_floor or FLOOR)
+    return plan, labels, numbers.get(str(on_floor or FLOOR))
 
 
 def sample_pictures(

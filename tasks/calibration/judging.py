@@ -17,8 +17,8 @@ from tasks.calibration.rigs import View
 from tasks.calibration.ties import Tie, groups_of
 
 SMALLEST_PX = 8.0
-"""Side of a square below which corners are not told from each other [px]. Measured: at 6 px the
-search finds one board of three, from 10 px on nearly all."""
+"""Side of a square below which a board is small [px]. Measured on drawn boards: of five the quick
+search finds all at 8 px and two at 5; the slow one finds all down to 3."""
 FEWEST_VIEWS = 3
 """How many views a camera needs whose lens is to be found [views]. Two fix a focal length where
 nothing is wrong."""
@@ -75,8 +75,8 @@ def why_unseen(
     (rows, columns), side = max(grids, key=lambda grid: grid[0][0] * grid[0][1])
     if side < SMALLEST_PX:
         return (
-            f"{head}: it is too small, its squares have {side:.0f} px from side to side where "
-            f"{SMALLEST_PX:.0f} are needed; hold it nearer, or take a board with larger squares"
+            f"{head}: it is too small, its squares have {side:.0f} px from side to side; hold it "
+            "nearer, or take a board with larger squares"
         )
     return (
         f"{head}: it is never whole, at most {columns}x{rows} corners are seen; film all of it "
@@ -92,7 +92,8 @@ def wrong_size(board: Board, sizes: Sequence[tuple[int, int]]) -> str:
         hint = " (corners between squares are counted, not squares)"
     return (
         f"the board in the pictures has {seen[0]}x{seen[1]} corners, and "
-        f"{board.columns}x{board.rows} were given{hint}: give --board {seen[0]}x{seen[1]}"
+        f"{board.columns}x{board.rows} were given{hint}: give --board {seen[0]}x{seen[1]}, or film "
+        "all of it"
     )
 
 
@@ -139,13 +140,19 @@ def tie_faults(
 
 
 def result_faults(
-    adjusted: Adjusted, board: Board, names: Sequence[str], rms_px: Sequence[float],
-    sizes: Sequence[tuple[int, int]],
+    adjusted: Adjusted, views: Sequence[View], names: Sequence[str], rms_px: Sequence[float],
+    sizes: Sequence[tuple[int, int]], board: Board,
 ) -> list[str]:  # fmt: skip
     """Return why the outcome of an adjustment cannot be used."""
     faults = []
     for n, name in enumerate(names):
-        if adjusted.focal_error[n] > _BAD_FOCAL:
+        count = sum(view.camera == n for view in views)
+        if count < FEWEST_VIEWS:
+            faults.append(
+                f"camera {name!r} sees the board in {_moments(count)}, where {FEWEST_VIEWS} are "
+                f"needed and {_GOOD_VIEWS} are good: film it in more places"
+            )
+        elif adjusted.focal_error[n] > _BAD_FOCAL:
             faults.append(
                 f"camera {name!r}: its focal length is not determined (within "
                 f"{adjusted.focal_error[n]:.0%}); {_TILT}"

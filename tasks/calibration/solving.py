@@ -133,7 +133,7 @@ def calibrate_views(
     rig = _in_world(adjusted.rig, board, on_floor, notes)
     results, off = _results(names, rig, adjusted, used, board, sizes)
     rms = [each.rms_px for each in results]
-    faults += result_faults(adjusted, board, names, rms, sizes)
+    faults += result_faults(adjusted, used, names, rms, sizes, board)
     notes += advice(adjusted, used, names, rms, sizes, board)
     cameras = [
         _camera(name, size, rig, n) for n, (name, size) in enumerate(zip(names, sizes, strict=True))

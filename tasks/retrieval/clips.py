@@ -168,13 +168,14 @@ def _match(match: "Mapping[str, Any] | pandas.Series | Match") -> Match:
     """Return a match whatever it comes as."""
     if isinstance(match, Match):
         return match
+    said: Any = match
     try:
         return Match(
-            str(match["take"]),
-            int(match["start"]),
-            int(match["end"]),
-            float(match.get("distance", 0.0)),
-            bool(match.get("mirrored", False)),
+            str(said["take"]),
+            int(said["start"]),
+            int(said["end"]),
+            float(said.get("distance", 0.0)),
+            bool(said.get("mirrored", False)),
         )
     except KeyError as error:
         raise ValueError(f"a match has take, start and end, and this has no {error}") from None

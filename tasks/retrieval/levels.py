@@ -145,7 +145,7 @@ def _is_part(weights: NDArray[np.float32], part: str) -> bool:
 def _like_of(weights: NDArray[np.float32]) -> float:
     """Return the distance of `like` for weights that are no part's."""
     about = int(compared_about_shoulders(weights))
-    limbs = dict.fromkeys(_LIMBS, 0.0)
+    limbs: dict[str, float] = {limb: 0.0 for limb in _LIMBS}
     for joint, weight in zip(JOINTS, weights.astype(np.float64), strict=True):
         name = joint.removeprefix(joint[0]) if joint not in JOINT_LIKE else joint
         limbs[_limb_of(joint)] += float(weight) * JOINT_LIKE[name][about]

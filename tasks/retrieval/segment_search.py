@@ -140,8 +140,8 @@ class _Comparison:
         self._segment, self._settings, self._versions = segment, settings, versions
         self._shoulders = shoulders
         has = [(v.weights > 0) & v.joints_present & segment.joints_present for v in versions]
-        in_common = np.array([joints.any(axis=1) for joints in has]).any(axis=0)
-        lacking = ~segment.joints_present[:, list(SHOULDERS)].all(axis=1) & shoulders
+        in_common = np.any([joints.any(axis=1) for joints in has], axis=0)
+        lacking = ~np.all(segment.joints_present[:, list(SHOULDERS)], axis=1) & shoulders
         shortest = shortest_match(query.rows.shape[1], settings.steps)
         short = segment.samples < shortest
         good = segment.searched & in_common & ~lacking & ~short
@@ -233,6 +233,8 @@ def _below(threshold: float | None) -> float:
 
 
 Each = Callable[..., Iterable[Any]]
+_Job = tuple[Portion, int, NDArray[np.int64]]
+"""A version of the query, and spans of a portion that one thread looks at."""
 
 
 def _look(portions: list[Portion], best: _Best, each: Each) -> Iterator[float]:
@@ -253,8 +255,17 @@ def _few(bounded: list[Portion], best: _Best) -> bool:
 
 def _scan(portions: list[Portion], best: _Best, each: Each) -> None:
     """Scan portions."""
-    jobs: list[Any] = [(p, *job) for p in portions for job in pruning.scanning_jobs(p)]
-    for found in each(lambda job: pruning.scan_job(*job, best.threshold, best.top), jobs):
+    _scan_spans([(p, *job) for p in portions for job in pruning.scanning_jobs(p)], best, each)
+
+
+def _scan_spans(jobs: list[_Job], best: _Best, each: Each) -> None:
+    """Scan spans of portions."""
+
+    def scan(job: _Job) -> Candidates:
+        portion, version, spans = job
+        return pruning.scan_job(portion, version, spans, best.threshold, best.top)
+
+    for found in each(scan, jobs):
         best.add(found)
 
 
@@ -268,8 +279,13 @@ def _prune(
         _scan(portions, best, each)
         return
     threshold = best.threshold
-    jobs: list[Any] = [(p, *job) for p in bounded for job in pruning.bounding_jobs(p)]
-    left = list(each(lambda job: pruning.bound_job(*job, threshold), jobs))
+    jobs = [(p, *job) for p in bounded for job in pruning.bounding_jobs(p)]
+
+    def bound(job: _Job) -> Live:
+        portion, version, spans = job
+        return pruning.bound_job(portion, version, spans, threshold)
+
+    left = list(each(bound, jobs))
     live: list[Live] = []
     scanned = [portion for portion in portions if portion not in bounded]
     for portion in bounded:
@@ -284,21 +300,20 @@ def _prune(
 
 def _look_first(bounded: list[Portion], best: _Best, each: Each) -> float:
     """Warp the places where the best matches probably are; return the sketch's median distance."""
-    jobs: list[Any] = [(p, *job) for p in bounded for job in sketching.sketching_jobs(p)]
+    jobs = [(p, *job) for p in bounded for job in sketching.sketching_jobs(p)]
     guesses = list(each(lambda job: sketching.sketch_job(*job), jobs))
     distance = np.concatenate([guess.distance for guess in guesses])
     count = min(len(distance), math.ceil(_SPARE * best.top))
     if not count:
         return 0.0
     limit = np.partition(distance, count - 1)[count - 1]
-    looked_at: list[Any] = []
+    looked_at: list[_Job] = []
     for guess in guesses:
         near = guess.distance <= limit
         if near.any():
             spans = sketching.spans_around(guess.keep(near))
             looked_at.append((guess.portion, guess.version, spans))
-    for found in each(lambda job: pruning.scan_job(*job, best.threshold, best.top), looked_at):
-        best.add(found)
+    _scan_spans(looked_at, best, each)
     return float(np.median([guess.median for guess in guesses]))
 
 

@@ -85,7 +85,9 @@ _LANES = 32
 _FAR = np.float32(1e9)
 """Further than any sum of a query gets; half of the numbers of single precision lie below 1."""
 _SPREAD_UNIT = np.float32(1) / SPREAD_ROOT
+"""The root of a spread, a step of its code [square roots of statures]."""
 _UNIT_ROUNDING = 2.0**-24
+"""How much rounding to single precision changes a number at most, over the number."""
 GREATEST_VALUE = 64.0
 """Up to where a query is bounded [statures]. Twice as far as a mean reaches is eight; beyond 64 a
 query is damaged, and the sums would come near to what is further than any."""

@@ -34,6 +34,7 @@ _JOINT, _CELL, _COARSE_JOINT, _COARSE_CELL = 0.30, 1.05, 0.35, 7.0
 """What a joint's distance and the rest of a pair of frames cost, and of a pair of blocks. Measured,
 in nanoseconds; only their ratios count."""
 _NOTHING = np.empty(0)
+"""Of blocks of which nothing is known yet."""
 _CHEAP = 250.0
 """What a sample costs in a scan that is not worth pruning [as the costs]. Feet in 110 frames."""
 _MANY = 1 << 12

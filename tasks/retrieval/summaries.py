@@ -56,6 +56,7 @@ _INFLATION = np.float32(1 + 1e-5)
 """By how much a spread is raised before it is rounded up. Summing 24 numbers of single precision
 errs by less than a third of it."""
 _MEAN_REACH = np.float32(32767)
+"""The greatest mean of 16 bits [`MEAN_STEP`]."""
 
 
 def spread_row(row: int, origin: int) -> int:

@@ -40,6 +40,7 @@ _BLOCK = 256
 speed only; chosen, not measured."""
 _INF = np.float32(np.inf)
 _GREATEST = 3e38
+"""Up to where a threshold is one: near the greatest number of single precision."""
 _LOOK = 8
 """After how many rows it is looked whether a tile can be left. Chosen: it costs little then."""
 

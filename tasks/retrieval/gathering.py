@@ -35,7 +35,7 @@ from storage.index.snapshots import (
 from storage.places import Place, delete_files
 from tasks.retrieval.normalization import ROWS, sample_count
 from tasks.retrieval.opening import SUMMARIZED, places, room
-from tasks.retrieval.summaries import summarize_rows
+from tasks.retrieval.pruned.summaries import summarize_rows
 
 logger = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """Search segments of many takes for everything that moves like a query, as `search_takes` does.
 
-The answer is that of a scan of all takes, to the last bit; how it is reached is said in `pruning`.
+The answer is that of a scan of all takes, to the last bit; how it is reached is said in `pruned`.
 First the best places of a sketch are warped: what is found there is shown at once, and it gives a
 distance within which the best matches are. Within it, every end is bounded; what may be a match is
 warped in the order of how near it may be, so that what was found becomes certain from the nearest
@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.retrieval import pruning, sketching
-from tasks.retrieval.choosing import (
+from tasks.retrieval.normalization import OTHER_SIDE
+from tasks.retrieval.pruned import pruning, sketching
+from tasks.retrieval.pruned.choosing import (
     Candidates,
     certain_threshold,
     choose_matches,
     join_candidates,
 )
-from tasks.retrieval.normalization import OTHER_SIDE
-from tasks.retrieval.pruning import Live, Portion, make_portion
+from tasks.retrieval.pruned.pruning import Live, Portion, make_portion
 from tasks.retrieval.searching import (
     NO_SHOULDERS,
     NOTHING_IN_COMMON,

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from tasks.motion.importing import ImportSettings, read_joint_track
 from tasks.motion.stature import joints_present, take_stature
-from tasks.retrieval import pruning
 from tasks.retrieval.normalization import PATH_ROWS, ROWS, mirror_rows, pack_motion
+from tasks.retrieval.pruned import pruning
+from tasks.retrieval.pruned.summaries import summarize_rows
 from tasks.retrieval.searching import (
     Found,
     Query,
@@ -34,7 +35,6 @@ from tasks.retrieval.searching import (
 )
 from tasks.retrieval.segment_search import search_gradually, search_segments
 from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
-from tasks.retrieval.summaries import summarize_rows
 from tasks.retrieval.warping import Clip, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 

@@ -40,8 +40,8 @@ from tasks.retrieval.answering import answer_query
 from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS, pack_motion
 from tasks.retrieval.opening import SUMMARIZED, places, room
+from tasks.retrieval.pruned.summaries import summarize_rows
 from tasks.retrieval.searching import SearchSettings
-from tasks.retrieval.summaries import summarize_rows
 from tasks.studio.dancing.choreography import freely, lonely, okuri48, walk
 from tasks.studio.performances import SH, TK, YS, generate_performance
 

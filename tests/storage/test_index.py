@@ -19,7 +19,7 @@ from storage.index.snapshots import open_snapshot, verify_snapshot
 from storage.publication import collect_garbage, publish_record
 from tasks.retrieval import gathering, opening
 from tasks.retrieval.gathering import gather_segments, gather_when_many
-from tasks.retrieval.summaries import SUMMARIES
+from tasks.retrieval.pruned.summaries import SUMMARIES
 from tests.conftest import cases
 from tests.figures.packed_takes import (
     MANIFEST,

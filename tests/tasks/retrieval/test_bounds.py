@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.retrieval import bounds
-from tasks.retrieval.bounds import bound_ends, coarsen, nearest_match
-from tasks.retrieval.summaries import (
+from tasks.retrieval.pruned import bounds
+from tasks.retrieval.pruned.bounds import bound_ends, coarsen, nearest_match
+from tasks.retrieval.pruned.summaries import (
     SPREAD_MISSING,
     SPREAD_ROWS,
     SPREAD_UNKNOWN,

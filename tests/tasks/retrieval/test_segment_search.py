@@ -4,12 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.retrieval import pruning, segment_search
+from tasks.retrieval import segment_search
 from tasks.retrieval.normalization import PARTS, ROWS, mirror_rows
+from tasks.retrieval.pruned import pruning
+from tasks.retrieval.pruned.summaries import summarize_rows
 from tasks.retrieval.searching import Query, SearchSettings, search_takes
 from tasks.retrieval.segment_search import search_gradually, search_segments
 from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
-from tasks.retrieval.summaries import summarize_rows
 
 JOINTS = PARTS["whole"]
 

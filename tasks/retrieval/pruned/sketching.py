@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.retrieval.pruning import COARSE, Portion, cut_ranges, spans_before
-from tasks.retrieval.summaries import MEAN_STEP
+from tasks.retrieval.pruned.pruning import COARSE, Portion, cut_ranges, spans_before
+from tasks.retrieval.pruned.summaries import MEAN_STEP
 from tasks.retrieval.warping import warm_up, warp_spans
 
 _LONG = 96

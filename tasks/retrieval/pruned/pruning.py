@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.retrieval.bounds import CoarseClip, bound_ends, coarsen, nearest_match
-from tasks.retrieval.choosing import Candidates, certain_threshold, join_candidates
+from tasks.retrieval.pruned.bounds import CoarseClip, bound_ends, coarsen, nearest_match
+from tasks.retrieval.pruned.choosing import Candidates, certain_threshold, join_candidates
 from tasks.retrieval.segments import Segment
 from tasks.retrieval.warping import Clip, warm_up, warp_spans
 

@@ -18,7 +18,7 @@ each query frame that first appears with it: none, one or two; the first frame o
 one. That is one to three times, and the same holds for a query frame. So the sum of x_i over a
 path is at most alpha, the greatest mean of x_i when every frame of the block counts one to
 three times, times how often the block's frames count; all query frames are in every path. So too
-with y_j and beta, of the joints' spreads (`tasks.retrieval.pruned.summaries`: the greatest mean of a sum
+with y_j and beta, of the joints' spreads (see `summaries`: the greatest mean of a sum
 is at most the sum of the greatest means), as long as the path passes all frames of the block.
 At its first and its last block it may not. Let each frame there that it does not pass count
 once, in addition: then the whole block counts, so beta times one less than the length of a block

@@ -2,7 +2,7 @@
 
 A block is 4 or 8 samples. What is kept of it does not depend on any query or weight: the mean of
 every packed row, and for every joint one number that says how far its frames are from their mean.
-`tasks.retrieval.pruned.bounds` derives from the two how near a query can be to what is in the block.
+`bounds` derives from the two how near a query can be to what is in the block.
 
 That number is the greatest mean distance when each sample counts one, two or three times, for so
 often a frame counts in a warping path (see there). It is kept rounded up, so that it is never too

@@ -254,6 +254,8 @@ def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
     runpy.run_path(str(ROOT / "docs" / "tutorial.py"))
     said = capsys.readouterr().out
     assert said.count("ingested") == 5
-    assert re.search(r"rank +take +start +end +distance +mirrored +level +chance +performer +title", said)
+    assert re.search(
+        r"rank +take +start +end +distance +mirrored +level +chance +performer +title", said
+    )
     for picture in ("right-foot.svg", "overlay.png", "filmed.png"):
         assert (tmp_path / "shosa-tutorial" / picture).stat().st_size > 5_000

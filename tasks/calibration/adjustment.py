@@ -123,8 +123,8 @@ def _minimize(
     """Return the numbers whose errors are least (Levenberg and Marquardt).
 
     The normal equations of some hundred numbers are solved as they are: scipy's `least_squares`
-    with sparse slopes solves them by LSMR, which on eight cameras and forty boards stood still
-    after forty steps, half a percent of the focal length away, where this is there after eight.
+    with sparse slopes solves them by LSMR, which on eight cameras and forty boards stood still with
+    focal lengths two to five percent off, where this errs by 0.2 % or less.
     """
     damping = _FIRST_DAMPING
     rig = rig_of(numbers)

@@ -1,12 +1,16 @@
 """A search of the whole archive, as a run on the dashboard."""
 
+import logging
+
 from prefect import flow, task
 from prefect.cache_policies import NO_CACHE
 
 from flows.dashboard import show_matches
 from tasks.motion.importing import ImportSettings
 from tasks.retrieval.answering import Answer, answer_query
-from tasks.retrieval.searching import SearchSettings
+from tasks.retrieval.searching import Match, SearchSettings
+
+logger = logging.getLogger(__name__)
 
 
 @flow(name="search_archive", flow_run_name="search {archive} for {query}")
@@ -32,4 +36,8 @@ def search_now(
     imported: ImportSettings | None,
 ) -> Answer:
     """Search; kept out of the cache, because every new take may change the answer."""
-    return answer_query(archive, query, settings, takes, imported)
+
+    def tell(matches: list[Match], certain: int) -> None:
+        logger.info("%d matches so far, %d of them certain", len(matches), certain)
+
+    return answer_query(archive, query, settings, takes, imported, tell)

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from tasks.motion.importing import ImportSettings
-from tasks.retrieval.answering import Answer, answer_query
-from tasks.retrieval.searching import SearchSettings
+from tasks.retrieval.answering import Answer, Tell, answer_query
+from tasks.retrieval.searching import Match, SearchSettings
 from viewer.holdings import FILE, Holdings, Motion
 
 
@@ -16,6 +16,7 @@ def find_others(
     *,
     takes: str | None = None,
     imported: ImportSettings | None = None,
+    tell: Tell | None = None,
 ) -> Answer:
     """Return what moves like a clip, without the clip itself, which is always the nearest.
 
@@ -25,7 +26,7 @@ def find_others(
     ----------
     motion, clip
         What to search with: the first and last frame of a motion.
-    takes, imported
+    takes, imported, tell
         As of `answer_query`.
 
     Raises
@@ -36,14 +37,21 @@ def find_others(
     start, end = clip
     text = f"{motion.file or motion.name}:{start}-{end}"
     more = replace(settings, top=settings.top + 1)
-    answer = answer_query(holdings.location, text, more, takes, imported)
-    others = [
-        match
-        for match in answer.matches
-        if match.mirrored
-        or motion.version == FILE
-        or match.take != motion.name
-        or match.end < start
-        or match.start > end
-    ]
+
+    def is_other(match: Match) -> bool:
+        return (
+            match.mirrored
+            or motion.version == FILE
+            or match.take != motion.name
+            or match.end < start
+            or match.start > end
+        )
+
+    def tell_others(matches: list[Match], certain: int) -> None:
+        if tell is not None:
+            others = [match for match in matches if is_other(match)]
+            tell(others, max(0, certain - (len(matches) - len(others))))
+
+    answer = answer_query(holdings.location, text, more, takes, imported, tell_others)
+    others = [match for match in answer.matches if is_other(match)]
     return replace(answer, settings=settings, matches=others[: settings.top])

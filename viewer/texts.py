@@ -100,6 +100,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "in the archive that moves like it is listed here, the nearest first.",
         "数秒の区間と比べる関節を選んで検索すると、似た動きが近い順にここに並びます。",
     ),
+    "so_far": (
+        "{matches} matches so far, {certain} of them certain",
+        "これまでに {matches} 件、うち確定 {certain} 件",
+    ),
     "summary": (
         "{matches} matches in {takes} recordings · {seconds} s",
         "{takes} 件の動作データに {matches} 件 · {seconds} 秒",

@@ -30,7 +30,7 @@ from flows.command.options import (
 )
 from flows.command.preparing import hush_prefect, prepare_prefect
 from flows.command.serving import add_serve_options, run_serve
-from flows.command.terminal import bars, log_to_standard_error
+from flows.command.terminal import bars, log_to_standard_error, search_bar
 from flows.command.upkeep import add_upkeep
 from flows.command.viewing import add_report, add_view
 from flows.command.views import add_render_options, export_voxels_or_segment, plan, render
@@ -267,17 +267,26 @@ def _path(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _answer(options: argparse.Namespace, arguments: tuple[Any, ...]) -> Any:
+    """Search as a flow, or here with a bar."""
+    if options.flow:
+        from flows.searching import search_archive
+
+        return search_archive(*arguments)
+    from tasks.retrieval.answering import answer_query
+
+    with search_bar(quiet=options.quiet) as bar, printing.told_if_stopped(bar) as tell:
+        return answer_query(*arguments, tell)
+
+
 def _search(options: argparse.Namespace) -> int:
     settings, imported = search_settings(options), query_settings(options)
     arguments = (options.archive, options.query, settings, options.takes, imported)
     if options.flow:
         check_before_flow(options)
         prepare_prefect()
-        from flows.searching import search_archive as search
-    else:
-        from tasks.retrieval.answering import answer_query as search
     try:
-        answer = search(*arguments)
+        answer = _answer(options, arguments)
     except (InputError, ArchiveError, UnknownNameError):
         raise
     except ValueError as error:  # a setting, refused by the search

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,8 @@ from tasks.takes.identity import is_of_other_code, made_by
 
 if TYPE_CHECKING:
     from flows.outcomes import Outcome
-    from tasks.retrieval.answering import Answer
+    from tasks.retrieval.answering import Answer, Tell
+    from tasks.retrieval.searching import Match
 
 
 def say(text: str) -> None:
@@ -156,6 +158,28 @@ def print_outcomes(outcomes: Sequence["Outcome"], *, as_json: bool) -> None:
         for each in outcomes
     ]
     print_table(heads, rows)
+
+
+@contextmanager
+def told_if_stopped(tell: "Tell | None") -> "Iterator[Tell]":
+    """Yield what a search tells, and say what was found until then if it is interrupted."""
+    last: tuple[list[Match], int] = ([], 0)
+
+    def keep(matches: "list[Match]", certain: int) -> None:
+        nonlocal last
+        last = matches, certain
+        if tell is not None:
+            tell(matches, certain)
+
+    try:
+        yield keep
+    except KeyboardInterrupt:
+        matches, certain = last
+        if matches:
+            say(f"stopped early; of the {len(matches)} matches until then {certain} are certain:")
+        for match in matches:
+            say(f"  {match.take}:{match.start}-{match.end}  {match.distance:.4f}")
+        raise
 
 
 def print_answer(answer: "Answer", *, as_json: bool) -> None:

@@ -6,9 +6,10 @@ All of it goes to standard error, and bars only where that is a terminal.
 import logging
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any
 
 from flows.progress import Moment, watching
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
+_SOON_S = 0.5
+"""How long a search may take before a bar is shown [s]. Chosen: what is over sooner needs none."""
 _NAME_WIDTH = 28
 """How much of a take's name is shown beside its bar [characters]. Chosen by eye: the bar and the
 time left fit into 100 columns."""
@@ -70,6 +73,40 @@ def bars(*, quiet: bool) -> Iterator[None]:
         return
     with _new_progress(console) as progress, _lines_above(console), watching(_Bars(progress).move):
         yield
+
+
+@contextmanager
+def search_bar(*, quiet: bool) -> Iterator[Callable[[list[Any], int], None] | None]:
+    """Yield what shows how far a search is, or None where nobody looks at it.
+
+    It is called with the matches until then, and how many of them are certain.
+
+    Parameters
+    ----------
+    quiet
+        No bar.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    begun = time.monotonic()
+    with ExitStack() as shown:
+        bar: list[tuple[Progress, TaskID]] = []
+
+        def tell(matches: list[Any], certain: int) -> None:
+            if not bar:
+                if time.monotonic() - begun < _SOON_S:
+                    return
+                from rich.console import Console  # a tenth of a second, only for a long search
+
+                progress = shown.enter_context(_new_progress(Console(stderr=True)))
+                bar.append((progress, progress.add_task("searching", total=1.0, said="")))
+            [(progress, task)] = bar
+            said = f"{len(matches)} matches so far, {certain} of them certain"
+            share = certain / max(len(matches), 1)
+            progress.update(task, completed=share, said=said, refresh=True)
+
+        yield tell
 
 
 def _new_progress(console: "Console") -> "Progress":

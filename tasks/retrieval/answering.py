@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -26,6 +26,7 @@ from tasks.retrieval.levels import level_of, level_thresholds, threshold_of
 from tasks.retrieval.normalization import sample_count
 from tasks.retrieval.opening import (
     OpenedSegment,
+    fit_in_memory,
     open_segments,
     read_lying_takes,
     read_packed_takes,
@@ -38,7 +39,7 @@ from tasks.retrieval.searching import (
     clip_motion,
     clip_take,
 )
-from tasks.retrieval.segment_search import search_segments
+from tasks.retrieval.segment_search import search_gradually
 from tasks.retrieval.segments import Segment
 
 if TYPE_CHECKING:
@@ -47,6 +48,9 @@ if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings
 
 logger = logging.getLogger(__name__)
+
+Tell = Callable[[list[Match], int], None]
+"""What is told while a search goes on: matches, and how many of them are certain."""
 
 _COLUMNS = {
     "rank": int,
@@ -115,6 +119,7 @@ def answer_query(
     settings: SearchSettings,
     takes: str | None = None,
     imported: "ImportSettings | None" = None,
+    tell: "Tell | None" = None,
 ) -> Answer:
     """Search the archive at `location` for what moves like the query in `text`.
 
@@ -126,6 +131,9 @@ def answer_query(
         Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
     imported
         How a query file is to be read.
+    tell
+        Called with the best matches until then, and how many of them, the nearest, are certain to
+        stay, as often as more is known. What it raises ends the search.
 
     Raises
     ------
@@ -151,7 +159,7 @@ def answer_query(
     skipped = {take: why for take, why in listing.faults.items() if is_searched(take)}
     if not searched and not skipped:
         raise UnknownNameError(_no_take(archive, listing.entries, takes))
-    found = _search(archive, listing, searched, query, settings)
+    found = _search(archive, listing, searched, query, settings, tell)
     skipped |= found.skipped
     if not found.too_short and not {record.take for record in searched} - skipped.keys():
         reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
@@ -279,6 +287,7 @@ def _search(
     searched: Sequence[Entry],
     query: Query,
     settings: SearchSettings,
+    tell: "Tell | None" = None,
 ) -> Found:
     """Return the matches in takes: in the index's segments, then in what lies beside them."""
     wanted = {entry.take: entry.version for entry in searched if "motion" in entry.stages}
@@ -291,18 +300,31 @@ def _search(
     }
     lying = [entry for entry in searched if entry.take not in held]
     found: list[Found] = []
+    at_once = fit_in_memory(lying)
+
+    def tell_all(some: Found) -> None:
+        matches = _best([*found, some], settings.top)
+        certain = some.certain_below if at_once else 0.0
+        if tell is not None:
+            tell(matches, sum(match.distance < certain for match in matches))
+
     # not all in memory at once, where there are many
     for segment, skipped in read_lying_takes(archive.place, lying):
         skipped = {take: faults.get(take, why) for take, why in skipped.items()}
-        found.append(_search_whole(query, opened, segment, settings, skipped))
+        found.append(_search_whole(query, opened, segment, settings, skipped, tell_all))
         opened = []
-    matches = [match for each in found for match in each.matches]
-    matches.sort(key=lambda match: (match.distance, match.take, match.start))
     return Found(
-        matches[: settings.top],
+        _best(found, settings.top),
         {take: why for each in found for take, why in each.skipped.items()},
         frozenset().union(*(each.too_short for each in found)),
     )
+
+
+def _best(found: Sequence[Found], top: int) -> list[Match]:
+    """Return the best matches of several answers, in the order of an answer."""
+    matches = [match for each in found for match in each.matches]
+    matches.sort(key=lambda match: (match.distance, match.take, match.start))
+    return matches[:top]
 
 
 def _measure_chance(
@@ -328,12 +350,15 @@ def _search_whole(
     lying: Segment | None,
     settings: SearchSettings,
     skipped: dict[str, str],
+    tell: Callable[[Found], None],
 ) -> Found:
     """Return the matches in segments; of what turns out to be damaged nothing is answered."""
     while True:
         segments = [each.segment for each in opened] + ([] if lying is None else [lying])
+        found = Found([], {})
         try:
-            found = search_segments(query, segments, settings)
+            for found in search_gradually(query, segments, settings):
+                tell(found)
         except DamagedSegmentError as error:
             logger.warning("%s", error)
             at = [each.files.label.path for each in opened].index(error.label)

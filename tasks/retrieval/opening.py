@@ -124,6 +124,11 @@ def open_segments(
     return [each for each in opened if isinstance(each, OpenedSegment)], faults
 
 
+def fit_in_memory(entries: Sequence[Entry]) -> bool:
+    """Say whether takes that are in no segment are read at once, and not some at a time."""
+    return sum(sample_count(entry.frames, entry.rate_hz) for entry in entries) < _BATCH
+
+
 def read_lying_takes(
     place: Place, entries: Sequence[Entry]
 ) -> Iterator[tuple[Segment | None, dict[str, str]]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flows.command.exits import INTERRUPTED
 from flows.command.main import build_parser, main
 from storage import create_archive, open_archive
 from storage.arrays.search import search_array_path
@@ -22,9 +23,10 @@ from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS, parse_frames
 from tasks.motion.importing import ImportSettings, import_take
 from tasks.motion.stature import joints_present
+from tasks.retrieval import answering
 from tasks.retrieval.indexing import index_take
 from tasks.retrieval.normalization import pack_motion
-from tasks.retrieval.searching import SearchSettings, clip_take, search_takes
+from tasks.retrieval.searching import Found, Match, SearchSettings, clip_take, search_takes
 from tasks.retrieval.segments import PackedTake
 from tasks.takes.publishing import publish_take
 
@@ -208,6 +210,20 @@ def test_the_index_changes_no_answer(archive, capsys):
     told = [{key: match[key] for key in ("rank", *asdict(direct[0]))} for match in found]
     assert [{"rank": i, **asdict(m)} for i, m in enumerate(direct, start=1)] == told
     assert len(found) > 3
+
+
+def test_a_search_that_is_interrupted_says_what_it_found_until_then(archive, capsys, monkeypatch):
+    found = [Match("okuri49", 3, 33, 0.01), Match("okuri48", 5, 40, 0.25)]
+
+    def search(*_):
+        yield Found(found, {}, certain_below=0.1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(answering, "search_gradually", search)
+    code, out, err = run(capsys, "search", archive, "okuri48:20-50")
+    assert (code, out) == (INTERRUPTED, "")
+    assert "stopped early; of the 2 matches until then 1 are certain:" in err
+    assert "okuri49:3-33  0.0100" in err
 
 
 def test_searching_some_takes_and_below_a_threshold(archive, capsys):

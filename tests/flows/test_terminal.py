@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from flows.command.terminal import bars, log_to_standard_error
+from flows.command import terminal as module
+from flows.command.terminal import bars, log_to_standard_error, search_bar
 from flows.progress import Moment, show_watcher
 
 
@@ -137,3 +138,20 @@ def test_the_terminal_shows_what_was_asked_and_other_handlers_at_least_what_is_t
         getattr(logging.getLogger(name), level)(f"{name} {level}")
     assert terminal.getvalue().splitlines() == lines
     assert {"flows info", "tasks info", "tasks warning", "tasks error"} <= set(heard)
+
+
+def test_a_search_that_takes_long_says_what_is_certain(use, monkeypatch):
+    terminal = use(Terminal())
+    with search_bar(quiet=False) as tell:
+        tell(["a", "b"], 1)
+    assert terminal.getvalue() == ""
+    monkeypatch.setattr(module, "_SOON_S", 0.0)
+    with search_bar(quiet=False) as tell:
+        tell(["a", "b", "c", "d"], 1)
+    assert "25% 4 matches so far, 1 of them certain" in terminal.text()
+
+
+def test_a_search_that_nobody_looks_at_has_no_bar(use):
+    use(io.StringIO())
+    with search_bar(quiet=False) as tell:
+        assert tell is None

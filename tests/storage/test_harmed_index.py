@@ -202,9 +202,9 @@ def test_a_search_goes_on_without_what_it_finds_to_be_damaged(takes, monkeypatch
             for at in np.flatnonzero(segment.searched):
                 segment.check(segment.first[at], segment.first[at] + segment.samples[at])
                 names.append(segment.names[at])
-        return Found([Match(name, 0, 9, 0.5) for name in names], {})
+        return [Found([Match(name, 0, 9, 0.5) for name in names], {})]
 
-    monkeypatch.setattr(answering, "search_segments", search)
+    monkeypatch.setattr(answering, "search_gradually", search)
     archive = open_archive(takes.location)
 
     def answer():

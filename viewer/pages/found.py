@@ -41,6 +41,10 @@ class Found:
         _show(self.note, "")
         self.offered.classes("empty")
 
+    def tell_so_far(self, matches: int, certain: int) -> None:
+        """Show how much of a search is known."""
+        _show(self.detail, self.shell.text("so_far", matches=matches, certain=certain))
+
     def give_up(self) -> None:
         """Show that nothing is searched any more."""
         _show(self.summary, "")

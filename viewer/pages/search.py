@@ -2,7 +2,7 @@
 
 import json
 import math
-from asyncio import to_thread
+from asyncio import get_running_loop, to_thread
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -275,7 +275,14 @@ class SearchPage:
             self.press.props("disabled")
             self.found.wait(len(records))
             clip = (asking.start or 0, asking.end or 0)
-            answer = await to_thread(find_others, self.holdings, motion, clip, asking.settings())
+            loop = get_running_loop()
+
+            def tell(matches: list[Match], certain: int) -> None:
+                loop.call_soon_threadsafe(self.found.tell_so_far, len(matches), certain)
+
+            answer = await to_thread(
+                find_others, self.holdings, motion, clip, asking.settings(), tell=tell
+            )
             rows = await to_thread(listed, self.holdings, answer, self.shell.texts)
             self.asked = replace(asking, searched=True, match=rank)
             self.matches = answer.matches

@@ -57,6 +57,17 @@ def test_the_table_has_the_matches_of_the_answer(archive, options, settings, tak
     assert table["chance"].isna().all()  # three short takes are too few
 
 
+def test_what_is_told_on_the_way_ends_with_the_answer_and_what_is_certain_stays(archive):
+    told = []
+    answer = answer_query(
+        str(archive), "okuri48:20-50", SearchSettings(),
+        tell=lambda matches, certain: told.append((matches, certain)),
+    )  # fmt: skip
+    assert told[-1] == (answer.matches, len(answer.matches))
+    for matches, certain in told:
+        assert matches[:certain] == answer.matches[:certain]
+
+
 def test_an_open_archive_a_path_and_a_text_are_the_same_archive(archive):
     tables = [
         find_matches(each, "okuri48:20-50")

@@ -29,11 +29,12 @@ TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 # what waits for servers leaves a third worker something to do
 WITH_WAITING := -n 3 --dist loadfile --no-loadscope-reorder
 
-# first what reaches no kernels, in which nothing is compiled; then the rest; `pytest` alone takes
-# what needs no server and a second at most
+# first what reaches no kernels, in which nothing is compiled; then what does; last what needs a
+# server; `pytest` alone takes what needs no server and a second at most
 test: setup
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3)"
-	$(BIN)/pytest $(WITH_WAITING) -m "(kernels or compiled or slow or flow or s3) and not long"
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3 or long)"
+	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3 or long)"
+	$(BIN)/pytest $(WITH_WAITING) -m "(flow or s3) and not long"
 
 # what the tests reach, interpreted: measuring cannot see into compiled code, and there an index out
 # of bounds is an error

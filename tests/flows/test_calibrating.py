@@ -89,6 +89,7 @@ def test_pictures_become_a_calibration(tmp_path, capsys, cameras, checkers):
     assert "note: Camera 'cam1' has" in out
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_films_and_offsets_become_a_calibration(tmp_path, capsys, cameras):
     two = cameras[:2]

@@ -204,14 +204,19 @@ def test_finished_blocks_are_kept_and_a_damaged_one_is_made_again(ingest, tmp_pa
     assert ingest().status == "ingested"
 
 
-def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(posed, tmp_path):
+@pytest.mark.parametrize(
+    "moments",
+    [MOMENTS[1:2], pytest.param(MOMENTS, marks=pytest.mark.long)],
+    ids=["one", "all"],
+)
+def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(posed, tmp_path, moments):
     """Killed within each stage, and when the take has been put together."""
     from prefect.settings import PREFECT_API_URL
 
     environment = {**os.environ, "PREFECT_API_URL": str(PREFECT_API_URL.value())}
     program = [sys.executable, "-c", KILLED, str(posed), str(tmp_path / "archive")]
     kept, made = {}, []
-    for moment in MOMENTS:
+    for moment in moments:
         process = subprocess.run(
             [*program, moment], env=environment, capture_output=True, text=True, timeout=HANGING_S
         )
@@ -223,7 +228,7 @@ def test_a_run_killed_at_any_moment_is_gone_on_with_to_the_same_arrays(posed, tm
         assert kept.items() <= there.items(), f"computed again before {moment}"
         made.append(len(there) - len(kept))
         kept = there
-    assert all(made), dict(zip(MOMENTS, made, strict=True))
+    assert all(made), dict(zip(moments, made, strict=True))
     for archive in ("archive", "undisturbed"):
         subprocess.run(
             [*program[:-1], str(tmp_path / archive), "never"],

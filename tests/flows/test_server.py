@@ -200,6 +200,7 @@ def own_server(tmp_path):
     process.wait()
 
 
+@pytest.mark.long
 @pytest.mark.flow
 @pytest.mark.slow
 def test_a_server_that_goes_away_in_a_digitization_harms_nothing(own_server, tmp_path):

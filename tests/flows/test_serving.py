@@ -211,6 +211,7 @@ def test_server_worker_and_flow_are_killed_at_once_and_all_goes_on_by_itself(ser
         assert tag.removeprefix("prefect.tag.") in run["tags"], run["name"]
 
 
+@pytest.mark.long
 @pytest.mark.flow
 @pytest.mark.slow
 def test_a_scan_by_hand_beside_the_scheduled_ones_takes_nothing_in_twice(serve, write_walk):

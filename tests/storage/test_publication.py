@@ -200,7 +200,7 @@ def test_killed_at_any_moment_a_run_leaves_the_old_version_or_the_new_one(tmp_pa
     rng = np.random.default_rng(20030601)
     location = str(tmp_path / "archive")
     published, seen, unpublished, patience_s = 0, set(), 0, 0.25
-    kills = cases(20)
+    kills = cases(10)
     for _ in range(kills):
         told = publish_until_killed(location, "okuri48", rng.uniform(0.0, patience_s))
         # so that on any machine two in three publish

@@ -106,6 +106,7 @@ def test_films_go_in_step_with_the_body(open_page):
     wait(page, "() => window.shosa.film?.camera === 'right'")
 
 
+@pytest.mark.long
 def test_a_picture_from_here_and_the_colored_voxels_are_saved(open_page):
     page = open_page("/browse?take=filmed")
     wait(page, "() => window.shosa.stage?.bodies?.[0]?.count")
@@ -128,6 +129,7 @@ def test_a_picture_from_here_and_the_colored_voxels_are_saved(open_page):
     assert len(scene.geometry) == 2
 
 
+@pytest.mark.long
 def test_painted_voxels_are_saved_and_of_two_people_the_second_is_told(open_page, capture):
     address = "/body?take=filmed&frame=20"
     first, second = (open_page(address, faults_expected=True) for _ in range(2))
@@ -198,6 +200,7 @@ def test_two_visitors_do_not_disturb_each_other_while_a_take_is_replaced(open_pa
     assert pages[1].evaluate("() => window.shosa.score.query.take") == "other"
 
 
+@pytest.mark.long
 def test_a_damaged_take_is_told_and_the_others_searched(open_page, archive):
     for file in (archive / "takes" / "other").rglob("c/*/0/0"):
         if "position" in str(file):
@@ -217,6 +220,7 @@ def test_a_damaged_take_is_told_and_the_others_searched(open_page, archive):
     assert "verify" in page.content()
 
 
+@pytest.mark.long
 def test_an_archive_that_disappears_is_told(open_page, archive):
     page = opened(open_page, faults_expected=True)
     archive.rename(archive.with_name("gone"))

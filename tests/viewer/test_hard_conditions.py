@@ -10,7 +10,7 @@ from storage.records import record_content, record_path
 from tests.figures.dances import make_dances
 from tests.viewer.conftest import CHROMIUM, DRAWN, FLAGS, LINK, PLAYING, VISITOR, open_viewer, wait
 
-pytestmark = [pytest.mark.slow, pytest.mark.compiled]
+pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
 
 TAKES = 10_000
 BLUE = (
@@ -48,7 +48,6 @@ def test_on_a_slow_line_waiting_is_shown_and_the_overlay_comes(open_page):
     assert {*page.evaluate("() => window.waited")} == {".stage.waiting", ".progress:not(.empty)"}
 
 
-@pytest.mark.long
 def test_of_ten_thousand_takes_some_are_listed_and_a_filter_finds_one(browser, tmp_path):
     location = tmp_path / "archive"
     make_dances(location)

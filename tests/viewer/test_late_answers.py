@@ -102,6 +102,7 @@ def answered(page):
     wait(page, "() => document.querySelector('[data-part=hands]').ariaPressed === 'true'")
 
 
+@pytest.mark.long
 def test_a_recording_that_is_read_late_does_not_replace_one_chosen_since(open_page, monkeypatch):
     page = open_page("/?take=asked")
     wait(page, DRAWN)
@@ -117,6 +118,7 @@ def test_a_recording_that_is_read_late_does_not_replace_one_chosen_since(open_pa
     assert page.evaluate(CHOSEN).startswith("The answer")
 
 
+@pytest.mark.long
 def test_what_the_page_begins_with_does_not_replace_what_is_chosen(open_page, monkeypatch):
     with held_back(monkeypatch, "other") as gate:
         page = open_page("/?take=other&search=yes")
@@ -158,6 +160,7 @@ def test_a_search_that_ends_late_changes_nothing_that_was_asked_since(open_page,
     assert page.locator(".outdated").count() == 0
 
 
+@pytest.mark.long
 def test_a_file_and_frames_that_come_late_replace_nothing(open_page, write_walk, tmp_path):
     page = open_page("/?take=asked")
     wait(page, DRAWN)

@@ -240,6 +240,7 @@ def test_the_reported_films_are_read(shared_data):
     np.testing.assert_array_equal(found, unflagged(video.path))
 
 
+@pytest.mark.long
 @pytest.mark.data
 @pytest.mark.slow
 def test_recordings_are_read_as_opencv_reads_them(shared_data):

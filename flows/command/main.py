@@ -275,8 +275,8 @@ def _answer(options: argparse.Namespace, arguments: tuple[Any, ...]) -> Any:
         return search_archive(*arguments)
     from tasks.retrieval.answering import answer_query
 
-    with search_bar(quiet=options.quiet) as bar, printing.told_if_stopped(bar) as tell:
-        return answer_query(*arguments, tell)
+    with search_bar(quiet=options.quiet) as bar, printing.told_if_stopped(bar) as told:
+        return answer_query(*arguments, tell=told)
 
 
 def _search(options: argparse.Namespace) -> int:

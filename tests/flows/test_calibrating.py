@@ -118,6 +118,7 @@ def test_the_side_of_a_square_is_asked_for(tmp_path, capsys, checkers):
     assert "--square-m 0.03" in err
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_wrong_size_is_told_with_the_right_one(tmp_path, capsys, checkers):
     folder = write_pictures(tmp_path, checkers)

@@ -207,6 +207,7 @@ def test_the_command_says_which_file_was_refused_and_why(tmp_path, inbox, capsys
     assert len(json.loads(capsys.readouterr().out)["takes"]) == 3
 
 
+@pytest.mark.long
 @pytest.mark.no_cover  # it digitizes 150 frames, and reaches what the others do
 def test_the_demo_finds_everything_that_it_promises(tmp_path, capsys):
     assert main(["demo", str(tmp_path / "demo")]) == 0

@@ -227,7 +227,11 @@ def test_no_command_answers_from_a_harmed_archive(whole, tmp_path, capsys, harm)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("harm", [flip, remove, pipe], ids=pytest_id)
+@pytest.mark.parametrize(
+    "harm",
+    [flip, *(pytest.param(harm, marks=pytest.mark.long) for harm in (remove, pipe))],
+    ids=pytest_id,
+)
 def test_no_command_answers_from_a_harmed_index(whole, tmp_path, capsys, harm):
     rng = np.random.default_rng(HARMS.index(harm))
     gathered, archive = tmp_path / "gathered", tmp_path / "archive"

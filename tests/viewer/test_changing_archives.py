@@ -86,6 +86,7 @@ def test_words_of_a_recording_are_changed_and_its_data_are_not(open_page, archiv
     assert verify_take(open_archive(archive).place, "other") == []
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("capture")
 def test_films_go_in_step_with_the_body(open_page):
     page = open_page("/browse?take=filmed")
@@ -186,6 +187,7 @@ def test_a_hostile_title_stays_a_title(open_page, archive):
     assert page.get_by_role("combobox").first.input_value().startswith(HOSTILE)
 
 
+@pytest.mark.long
 def test_two_visitors_do_not_disturb_each_other_while_a_take_is_replaced(open_page, archive):
     pages = [opened(open_page), open_page("/?take=other&clip=10-60")]
     wait(pages[1], DRAWN)

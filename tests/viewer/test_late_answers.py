@@ -132,6 +132,7 @@ def test_what_the_page_begins_with_does_not_replace_what_is_chosen(open_page, mo
     assert page.locator(".result").count() == 0
 
 
+@pytest.mark.long
 def test_a_search_that_ends_late_changes_nothing_that_was_asked_since(open_page, monkeypatch):
     import viewer.pages.search as search
 

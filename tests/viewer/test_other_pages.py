@@ -185,6 +185,7 @@ def test_frames_that_are_not_there_are_told(viewer):
         assert told in content
 
 
+@pytest.mark.long
 def test_what_is_no_archive_or_port_is_told(tmp_path, capsys, archive):
     assert main(["view", str(tmp_path / "none"), "--no-browser"]) == BAD_INPUT
     assert "none" in capsys.readouterr().err

@@ -79,6 +79,7 @@ def test_dragging_an_end_of_the_clip_shows_the_pose_and_takes_the_frame(open_pag
     wait(page, "() => window.shosa.score.query.start === 61")
 
 
+@pytest.mark.long
 def test_every_way_to_arrange_and_play_changes_what_is_drawn(open_page):
     page = opened(open_page)
     together = poses(page)
@@ -128,6 +129,7 @@ def test_every_way_to_arrange_and_play_changes_what_is_drawn(open_page):
     )
 
 
+@pytest.mark.long
 def test_time_and_place_are_matched_or_as_danced(open_page):
     page = opened(open_page, LINK + "&part=whole")
     path = page.evaluate("() => window.shosa.score.match.path")
@@ -205,6 +207,7 @@ def test_each_setting_changes_what_is_compared(open_page):
     wait(page, "() => location.search.includes('path=0.5')")
 
 
+@pytest.mark.long
 def test_results_are_chosen_by_click_and_by_keys(open_page):
     page = opened(open_page)
     first = page.evaluate("() => window.shosa.score.match")
@@ -221,6 +224,7 @@ def test_results_are_chosen_by_click_and_by_keys(open_page):
     assert distances == sorted(distances)
 
 
+@pytest.mark.long
 def test_curves_follow_the_frame_and_say_why_a_match_is_near(open_page):
     page = opened(open_page)
     page.select_option("[data-control=joint]", "LElbow")
@@ -243,6 +247,7 @@ def test_curves_follow_the_frame_and_say_why_a_match_is_near(open_page):
     assert max(match["near"]) < 0.01  # the feet are the same
 
 
+@pytest.mark.long
 def test_a_filmed_body_dances_beside_the_figure(open_page):
     page = open_page("/?take=filmed&clip=5-50")
     wait(page, "() => window.shosa?.stage?.bodies?.[0]?.count > 0")
@@ -256,6 +261,7 @@ def test_a_filmed_body_dances_beside_the_figure(open_page):
     wait(page, "() => window.shosa.stage.bodies.length === 0")
 
 
+@pytest.mark.long
 def test_what_is_on_the_stage_is_saved_as_a_film(open_page):
     page = open_page("/?take=asked&clip=60-75")
     wait(page, DRAWN)
@@ -274,6 +280,7 @@ def test_a_link_opens_what_was_shared(open_page):
     assert page.locator("[data-plot=query] figcaption").inner_text().startswith("Head")
 
 
+@pytest.mark.long
 def test_a_dropped_file_is_searched_with(open_page, write_walk, tmp_path):
     page = open_page()
     wait(page, DRAWN)
@@ -284,6 +291,7 @@ def test_a_dropped_file_is_searched_with(open_page, write_walk, tmp_path):
     assert page.evaluate("() => window.shosa.score.query.title") == "walk.trc"
 
 
+@pytest.mark.long
 def test_a_file_that_is_none_is_told(open_page, tmp_path):
     bad = tmp_path / "bad.bvh"
     bad.write_text("no motion")
@@ -293,6 +301,7 @@ def test_a_file_that_is_none_is_told(open_page, tmp_path):
     wait(page, "() => document.querySelector('.notice').textContent.includes('bvh')")
 
 
+@pytest.mark.long
 def test_language_and_theme_are_changed_and_kept(open_page):
     page = open_page(locale="en")
     wait(page, DRAWN)

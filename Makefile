@@ -26,21 +26,19 @@ lint: setup
 # a file of tests stays with one worker, with what it makes once; files start in the order of
 # conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
-# what waits for servers leaves a third worker something to do
-WITH_WAITING := -n 3 --dist loadfile --no-loadscope-reorder
 
 # first what reaches no kernels, in which nothing is compiled; then what does; last what needs a
 # server; `pytest` alone takes what needs no server and a second at most
 test: setup
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3 or long)"
 	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3 or long)"
-	$(BIN)/pytest $(WITH_WAITING) -m "(flow or s3) and not long"
+	$(BIN)/pytest $(TWO_CORES) -m "(flow or s3) and not long"
 
 # what the tests reach, interpreted: measuring cannot see into compiled code, and there an index out
 # of bounds is an error
 coverage: setup
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q --cov --cov-report= -m "not (compiled or slow or flow or s3)"
-	$(BIN)/pytest $(WITH_WAITING) --cov --cov-append -m "(flow or s3) and not long"
+	$(BIN)/pytest $(TWO_CORES) --cov --cov-append -m "(flow or s3) and not long"
 
 # tests that draw their cases, twenty times as many (kills, damaged files, tracks), and those that
 # take long: workers of a cluster, a body model corrected in a browser and digitized by

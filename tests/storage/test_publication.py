@@ -195,6 +195,7 @@ def test_a_record_of_a_newer_shosa_and_a_damaged_one_are_said(archive):
 
 @pytest.mark.slow
 @pytest.mark.drawn
+@pytest.mark.long
 def test_killed_at_any_moment_a_run_leaves_the_old_version_or_the_new_one(tmp_path):
     """Kills at random moments; every published number is kept, every take is whole."""
     rng = np.random.default_rng(20030601)

@@ -17,7 +17,15 @@ from scipy.linalg import solve
 from scipy.sparse import csr_matrix
 
 from tasks.calibration.boards import Board
-from tasks.calibration.rigs import LENS_NUMBERS, Rig, View, matrix_of, pose_of, vector_of
+from tasks.calibration.rigs import (
+    LENS_NUMBERS,
+    Rig,
+    View,
+    matrix_of,
+    pose_of,
+    residuals_of_points,
+    vector_of,
+)
 
 NOISE_PX = 0.2
 """How far corners are usually off [px]. Measured on drawn boards: 0.05 to 0.15; films have more."""
@@ -247,15 +255,8 @@ class _Prior:
 
 def _errors(rig: Rig, views: Sequence[View], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return by how many times the noise each corner is off, column and row in turn."""
-    parts = []
-    for view in views:
-        lens = rig.lenses[view.camera]
-        seen = vector_of(rig.camera_from_world[view.camera] @ rig.world_from_board[view.moment])
-        pixel = cv2.projectPoints(
-            points[view.corners], seen[:3], seen[3:], matrix_of(lens), lens[4:]
-        )[0]
-        parts.append((pixel[:, 0] - view.pixel).ravel() / NOISE_PX)
-    return np.concatenate(parts)
+    off = residuals_of_points(rig, views, points)
+    return np.concatenate([each.ravel() / NOISE_PX for each in off])
 
 
 def _slopes(

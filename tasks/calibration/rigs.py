@@ -70,7 +70,13 @@ def vector_of(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def residuals(rig: Rig, views: Sequence[View], board: Board) -> list[NDArray[np.float64]]:
     """Return (corner, 2) how many pixels the rig puts corners beside each view, view by view."""
-    points = board.points_m
+    return residuals_of_points(rig, views, board.points_m)
+
+
+def residuals_of_points(
+    rig: Rig, views: Sequence[View], points: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Return the same of a board whose corners are at points (corner, 3), metres."""
     off = []
     for view in views:
         lens = rig.lenses[view.camera]

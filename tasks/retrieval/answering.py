@@ -36,6 +36,7 @@ from tasks.retrieval.searching import (
     Match,
     Query,
     SearchSettings,
+    best_matches,
     clip_motion,
     clip_take,
 )
@@ -303,10 +304,11 @@ def _search(
     at_once = fit_in_memory(lying)
 
     def tell_all(some: Found) -> None:
+        if tell is None:
+            return
         matches = _best([*found, some], settings.top)
         certain = some.certain_below if at_once else 0.0
-        if tell is not None:
-            tell(matches, sum(match.distance < certain for match in matches))
+        tell(matches, sum(match.distance < certain for match in matches))
 
     # not all in memory at once, where there are many
     for segment, skipped in read_lying_takes(archive.place, lying):
@@ -321,10 +323,8 @@ def _search(
 
 
 def _best(found: Sequence[Found], top: int) -> list[Match]:
-    """Return the best matches of several answers, in the order of an answer."""
-    matches = [match for each in found for match in each.matches]
-    matches.sort(key=lambda match: (match.distance, match.take, match.start))
-    return matches[:top]
+    """Return the best matches of several answers."""
+    return best_matches((match for each in found for match in each.matches), top)
 
 
 def _measure_chance(

@@ -192,8 +192,12 @@ def search_takes(
     if searched:
         check_query(query, compared, shoulders=shoulders, path=settings.path_weight > 0)
     matches = _search_all(searched, settings, threads or os.cpu_count() or 1)
-    matches.sort(key=lambda match: (match.distance, match.take, match.start))
-    return Found(matches[: settings.top], skipped, frozenset(too_short))
+    return Found(best_matches(matches, settings.top), skipped, frozenset(too_short))
+
+
+def best_matches(matches: Iterable[Match], top: int) -> list[Match]:
+    """Return at most so many matches in the order of an answer: distance, then take, then start."""
+    return sorted(matches, key=lambda match: (match.distance, match.take, match.start))[:top]
 
 
 def about_shoulders(weights: NDArray[np.float32]) -> bool:

@@ -36,6 +36,7 @@ from tasks.retrieval.searching import (
     Query,
     Version,
     about_shoulders,
+    best_matches,
     check_query,
     make_clip,
     query_versions,
@@ -218,8 +219,7 @@ class _Best:
             end = min(int(last[k]), int(segment.frames[take]) - 1)
             near, mirrored = float(chosen.distance[k]), bool(chosen.mirrored[k])
             matches.append(Match(segment.names[take], int(first[k]), end, near, mirrored))
-        matches.sort(key=lambda match: (match.distance, match.take, match.start))
-        return matches[: self._top]
+        return best_matches(matches, self._top)
 
 
 def _below(threshold: float | None) -> float:

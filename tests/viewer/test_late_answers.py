@@ -2,6 +2,7 @@
 
 import threading
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 import uvicorn
@@ -75,7 +76,7 @@ def held_back(monkeypatch, take):
     gate, read = Gate(), Holdings.motion
 
     def motion(self, name, version=None):
-        act = lambda: read(self, name, version)  # noqa: E731
+        act = partial(read, self, name, version)
         return gate.pass_(act) if name == take and version is None else act()
 
     monkeypatch.setattr(Holdings, "motion", motion)

@@ -54,7 +54,9 @@ def test_a_joint_is_dragged_the_labels_follow_and_the_model_is_saved(open_page, 
         np.subtract(after[JOINTS.index(s + "Knee")], before[JOINTS.index(s + "Knee")]) for s in "RL"
     )
     assert right[1] == pytest.approx(left[1])  # both sides together
-    assert page.evaluate("() => window.shosa.bodyModel.shares") != shares
+    # the labels come with a later answer than the joints
+    changed = "shares => JSON.stringify(window.shosa.bodyModel.shares) !== JSON.stringify(shares)"
+    wait(page, changed, shares)
     page.click("[data-control=undo]")
     wait(
         page,

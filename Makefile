@@ -27,10 +27,11 @@ lint: setup
 # conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# first what reaches no kernels, in which nothing is compiled; then what does; last what needs a
-# server; `pytest` alone takes what needs no server and a second at most
+# first what reaches no kernels, in which nothing is compiled; then what does, whose kernels are
+# compiled first, each once; last what needs a server; `pytest` alone takes what needs no server and a second at most
 test: setup
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3 or long)"
+	$(BIN)/python -m tasks.engine.compiling >/dev/null
 	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3 or long)"
 	$(BIN)/pytest $(TWO_CORES) -m "(flow or s3) and not long"
 

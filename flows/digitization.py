@@ -9,7 +9,7 @@ from typing import Any
 from prefect import flow
 
 from flows import chain
-from flows.dashboard import progress_teller, show_digitized
+from flows.dashboard import progress_teller, show_digitized, tell_compiled
 from flows.progress import ASSEMBLING
 from flows.runners import spread_blocks
 from storage import open_archive
@@ -19,6 +19,7 @@ from storage.formats.capture.capture import capture_of
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording
 from tasks.cached import run_once
+from tasks.engine.compiling import compiling_beside
 from tasks.retrieval.gathering import gather_when_many
 from tasks.retrieval.indexing import index_take
 from tasks.settings import (
@@ -113,9 +114,15 @@ def _make_draft(
     spread = spread_blocks()
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, capture.frames)
-    blocks, found = chain.digitize(
-        archive, recording, chosen, run=run, tell=tell, run_blocks=run_blocks if spread else None
-    )
+    with compiling_beside(tell_compiled):
+        blocks, found = chain.digitize(
+            archive,
+            recording,
+            chosen,
+            run=run,
+            tell=tell,
+            run_blocks=run_blocks if spread else None,
+        )
     tell(ASSEMBLING, 0)
     draft = assemble_take(
         archive,

@@ -13,6 +13,9 @@ from dataclasses import dataclass, field
 ASSEMBLING = "assembling"
 """What comes after the last stage, as if it were one: blocks become a version of the take."""
 
+COMPILING = "compiling, once"
+"""What stands in the place of a take while kernels are compiled, after an installation."""
+
 _EXPECTED: dict[str, tuple[float, float]] = {
     "silhouettes": (0.5, 0.017),
     "carving": (0.0, 0.008),
@@ -42,7 +45,7 @@ class Moment:
     """How far a take is."""
 
     take: str
-    """Empty where the moment is of a run of many takes."""
+    """Empty where the moment is of a run of many takes; `COMPILING`, where it is of kernels."""
     stage: str
     """As a person says it."""
     frame: float
@@ -55,7 +58,7 @@ class Moment:
 
     def done(self) -> str:
         """Return how far its stage is, in words."""
-        if not self.take:
+        if self.take in ("", COMPILING):
             return f"{self.frame:.0f} of {self.frames} done"
         if self.stage == ASSEMBLING:
             return self.stage

@@ -12,12 +12,15 @@ tests/tasks/engine/test_kernels.py tells when they change.
 """
 
 import functools
+import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.registry import cpu_target
 
 from tasks.engine.fingerprints import code_digest, source_files
 
@@ -36,10 +39,29 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)
         if cache and kernel is not function:  # as it is with NUMBA_DISABLE_JIT=1
-            kernel._cache = _KernelCache(function)
+            with suppress(RuntimeError):  # no folder can be written to: compiled in each process
+                kernel._cache = _KernelCache(function)
         return kernel
 
     return compiled
+
+
+def folder_of(kernel: Any) -> Path | None:
+    """Return the folder in which what is compiled of a kernel is kept; None where it is not."""
+    path = getattr(getattr(kernel, "_cache", None), "cache_path", None)
+    return Path(path) if path else None
+
+
+def processor() -> tuple[str, ...]:
+    """Return what numba compiles for: system, processor and its features."""
+    target: Any = cpu_target
+    return target.target_context.codegen().magic_tuple()
+
+
+@functools.cache
+def digest_of_all() -> str:
+    """Return the digest of every file of ours, as it was when this process began."""
+    return hashlib.sha256(b"\0".join(_SOURCES[name] for name in sorted(_SOURCES))).hexdigest()
 
 
 def _read_sources() -> dict[str, bytes]:

@@ -10,16 +10,11 @@ from storage.formats.capture.capture import read_capture
 from storage.recordings import Recording, digest_capture
 from tasks.body import paper_method
 from tasks.capture import films as capture_films
+from tasks.engine.compiling import read_list
 from tasks.engine.fingerprints import fingerprint
 from tasks.settings import Settings, read_settings
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
-from tests.conftest import swaying_body
+from tests.figures.posed_captures import film_posed
+from tests.kernels import called_kernels
 
 pytestmark = pytest.mark.slow
 
@@ -30,14 +25,7 @@ FRAMES = 12
 def posed(tmp_path_factory):
     """A capture that begins with the arms stretched, and its archive."""
     folder = tmp_path_factory.mktemp("films")
-    track = stretch_arms_first(swaying_body(3, 30), 30.0)[:FRAMES]
-    cameras = generate_cameras(
-        RingSettings(cameras=6, size=(160, 120)), center_m=(0.0, 0.9, 0.0), seed=4
-    )
-    capture = folder / "posed"
-    film_capture(
-        capture, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.025), seed=2
-    )
+    capture = film_posed(folder / "posed", frames=FRAMES)
     source = read_capture(capture)
     recording = Recording(
         str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
@@ -67,10 +55,14 @@ def digitize(posed, monkeypatch):
 
         settings = read_settings(tables or {}, "these").that_are_read()
         told = []
-        blocks, _ = chain.digitize(
-            archive.location, recording, settings, run=run,
-            tell=lambda stage, end: told.append((stage, end)),
-        )  # fmt: skip
+        with called_kernels() as called:
+            blocks, _ = chain.digitize(
+                archive.location, recording, settings, run=run,
+                tell=lambda stage, end: told.append((stage, end)),
+            )  # fmt: skip
+        if not tables:  # what the usual settings call is compiled ahead
+            listed = {k: v for kernels in read_list().values() for k, v in kernels.items()}
+            assert called.items() <= listed.items(), "write the list anew: python -m tests.kernels"
         assert {stage for stage, _ in told} == set(blocks)
         return blocks, computed
 

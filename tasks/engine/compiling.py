@@ -1,0 +1,213 @@
+"""Kernels compiled ahead, in processes of their own: once after an installation.
+
+A stage compiles a kernel when it is called first, so the first capture would wait for all of them,
+one after another. Here they are compiled beside the first stages, from a list of the kernels that
+are called from Python and of the types that they are called with (`kernels.json`). The list is no
+promise: what is missing in it is compiled by the stage, what is too much in it costs its time.
+
+    python -m tasks.engine.compiling           compile all, on all processors
+    python -m tasks.engine.compiling --beside  leave one processor to whoever started this
+"""
+
+import hashlib
+import importlib
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import types
+
+from tasks.engine import kernels
+from tasks.engine.threads import THREADS
+
+KERNELS = Path(__file__).with_name("kernels.json")
+"""By stage, those of a search first, then in the order of the chain: `module:function`, and the
+types of its arguments in numba's words. `python -m tests.kernels` writes it."""
+
+BESIDE = "--beside"
+_BESIDE = threading.Lock()
+"""Held while another process compiles for this one."""
+_FIRST = "pose_fitting"
+"""The stage whose kernels come first beside other work [name]: the dearest, and needed late."""
+
+Tell = Callable[[int, int], None]
+"""Is told how many kernels are compiled, and of how many."""
+
+
+def read_list(path: Path = KERNELS) -> dict[str, dict[str, str]]:
+    """Return the types of each kernel, by stage and `module:function`."""
+    return json.loads(path.read_text("utf-8"))
+
+
+def are_compiled() -> bool:
+    """Say whether the kernels of this code were compiled here, for this processor and Python.
+
+    Where compiling is switched off or nothing can be kept, there is nothing to compile ahead.
+    """
+    mark = _mark()
+    return mark is None or mark.exists()
+
+
+@contextmanager
+def compiling_beside(tell: Tell) -> Iterator[None]:
+    """Let the kernels be compiled in other processes while the work inside goes on.
+
+    Nothing happens where they are compiled already. What goes wrong in these processes costs time
+    only: the work compiles what it calls.
+
+    Parameters
+    ----------
+    tell
+        Is called in a thread of its own after each kernel.
+    """
+    if not _BESIDE.acquire(blocking=False):  # for another take of this process
+        yield
+        return
+    with ExitStack() as ended:
+        ended.callback(_BESIDE.release)
+        if not are_compiled():
+            ended.enter_context(_other_process(tell))
+        yield
+
+
+@contextmanager
+def _other_process(tell: Tell) -> Iterator[None]:
+    """Compile in another process as long as the work inside takes; by then it has what it needs."""
+    last = (1, 1)
+
+    def hear(done: int, total: int) -> None:
+        nonlocal last
+        last = (done, total)
+        tell(done, total)
+
+    command = [sys.executable, "-m", __name__, BESIDE]
+    root = str(Path(__file__).parents[2])
+    with subprocess.Popen(
+        command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        listener = threading.Thread(target=_listen, args=(process, hear), daemon=True)
+        listener.start()
+        try:
+            yield
+        finally:
+            process.terminate()
+            listener.join()
+            if last[0] < last[1]:
+                tell(last[1], last[1])
+
+
+def compile_all(tell: Tell, *, processes: int = THREADS, beside: bool = False) -> None:
+    """Compile every listed kernel for this processor, and keep it.
+
+    Parameters
+    ----------
+    tell
+        Is called after each kernel.
+    processes
+        How many compile at once.
+    beside
+        Begin with the poses, and then from the end of the chain: who starts at its beginning
+        meanwhile compiles the others.
+    """
+    mark, groups = _mark(), read_list()
+    stages = list(groups)
+    if beside:
+        after = stages[stages.index(_FIRST) + 1 :]
+        before = stages[: stages.index(_FIRST)]
+        stages = [_FIRST, *reversed(after), *reversed(before)]
+    wanted = [kernel for stage in stages for kernel in groups[stage].items()]
+    tell(0, len(wanted))
+    if processes == 1:
+        for done, kernel in enumerate(wanted, 1):
+            _compile(*kernel)
+            tell(done, len(wanted))
+    else:
+        with ProcessPoolExecutor(processes) as pool:
+            jobs = [pool.submit(_compile, *kernel) for kernel in wanted]
+            for done, job in enumerate(as_completed(jobs), 1):
+                job.result()
+                tell(done, len(wanted))
+    if mark is not None:
+        mark.touch()
+
+
+def _compile(name: str, arguments: str) -> None:
+    """Compile a kernel for some types of arguments, unless it is kept; leave what is not there."""
+    module, function = name.split(":")
+    with suppress(ImportError, AttributeError):  # it was renamed: the stage compiles it
+        getattr(importlib.import_module(module), function).compile(_read_types(arguments))
+
+
+def write_types(arguments: Sequence[Any]) -> str:
+    """Return numba's types of a kernel's arguments as a text that `compile_all` reads."""
+    return f"({', '.join(map(_written, arguments))},)"
+
+
+def _written(kind: Any) -> str:
+    """Return a type as Python's text that makes it of `numba.types`."""
+    if isinstance(kind, types.NamedTuple):
+        made = f"{kind.instance_class.__module__}:{kind.instance_class.__qualname__}"
+        return f"_Named({write_types(kind.types)}, {made!r})"
+    if isinstance(kind, types.UniTuple):
+        return f"UniTuple({_written(kind.dtype)}, {kind.count})"
+    if isinstance(kind, types.Tuple):
+        return f"Tuple({write_types(kind.types)})"
+    return repr(kind)
+
+
+def _read_types(text: str) -> tuple[Any, ...]:
+    """Return the types that `write_types` wrote."""
+
+    def named(kinds: tuple[Any, ...], made: str) -> types.NamedTuple:
+        module, _, name = made.partition(":")
+        return types.NamedTuple(kinds, getattr(importlib.import_module(module), name))
+
+    return eval(text, {**vars(types), "_Named": named})  # of a file of this package
+
+
+def _mark() -> Path | None:
+    """Return the file that is there when all is compiled; None where nothing is kept."""
+    folder = kernels.folder_of(_probe)
+    if folder is None:
+        return None
+    parts = [numba.__version__, sys.version, repr(kernels.processor()), KERNELS.read_text("utf-8")]
+    digest = hashlib.sha256("\0".join([*parts, kernels.digest_of_all()]).encode()).hexdigest()
+    return folder / f"compiled-{digest[:16]}"
+
+
+@kernels.njit(cache=True)
+def _probe() -> int:
+    """Be a kernel, whose folder is where kernels of this package are kept; never called."""
+    return 0
+
+
+def _listen(process: "subprocess.Popen[str]", tell: Tell) -> None:
+    """Tell what a process says of its progress, until it ends."""
+    for line in process.stdout or ():
+        with suppress(ValueError):
+            done, total = map(int, line.split())
+            tell(done, total)
+
+
+def main() -> None:
+    """Compile, and print after each kernel how many are done, and of how many."""
+    beside = BESIDE in sys.argv[1:]
+    processes = max(1, THREADS - 1) if beside else THREADS
+    compile_all(_print, processes=processes, beside=beside)
+
+
+def _print(done: int, total: int) -> None:
+    """Tell who started this process."""
+    sys.stdout.write(f"{done} {total}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

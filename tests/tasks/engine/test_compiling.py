@@ -1,0 +1,122 @@
+"""Kernels compiled ahead: in small packages of the name `tasks`, and the list of our own."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from numba import types
+from numba.core.dispatcher import Dispatcher
+
+from tasks.engine import compiling, kernels
+from tests.conftest import ROOT
+from tests.tasks.engine.test_kernels import edit, start, write_package
+
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]
+
+LIST = {
+    "first": {"tasks.calling:call": "(int64,)"},
+    "pose_fitting": {"tasks.helping:twice": "(int64,)", "tasks.gone:away": "(int64,)"},
+}
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """The folder of a package whose kernels are compiled ahead, and what was told."""
+    folder = write_package(tmp_path_factory.mktemp("compiled") / "tasks")
+    for name in ("compiling", "threads", "progress"):
+        shutil.copy(ROOT / "tasks" / "engine" / f"{name}.py", folder / "engine" / f"{name}.py")
+    (folder / "engine" / "kernels.json").write_text(json.dumps(LIST))
+    return folder, run(folder, "-m", "tasks.engine.compiling")
+
+
+def run(package, *arguments, **environment):
+    """Run Python beside a package; return its lines."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "COVERAGE_"))}
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=package.parent, env=inherited | environment,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert not done.returncode, done.stderr
+    return done.stdout.splitlines()
+
+
+SAY = """
+from tasks.engine.compiling import are_compiled, compiling_beside
+print(are_compiled())
+with compiling_beside(print):
+    pass
+"""
+WAITING = """
+import threading
+from tasks.engine.compiling import are_compiled, compiling_beside
+print(are_compiled())
+over = threading.Event()
+def tell(done, total):
+    print(done, total)
+    if done == total:
+        over.set()
+with compiling_beside(tell):
+    with compiling_beside(None):  # of another take: one process is enough
+        assert over.wait(1800)
+"""
+
+
+def test_what_is_listed_is_compiled_and_a_kernel_that_is_gone_is_left(compiled):
+    package, told = compiled
+    assert told == ["0 3", "1 3", "2 3", "3 3"]
+    assert start(package) == (25, 1, 0)
+    assert run(package, "-c", SAY) == ["True"]  # and nothing is told, as nothing is compiled
+
+
+def test_after_an_edit_it_is_not_compiled_any_more_and_again_beside_the_work(compiled, tmp_path):
+    package = shutil.copytree(compiled[0], tmp_path / "tasks")
+    edit(package / "constants.py", "FACTOR = 2", "FACTOR = 4")
+    told = run(package, "-c", WAITING)
+    assert told == ["False", "0 3", "1 3", "2 3", "3 3"]
+    assert start(package) == (45, 1, 0)
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"first": {}}', '{"pose_fitting": {"a": "b"}}'])
+def test_a_list_that_is_broken_costs_nobody_the_take(compiled, tmp_path, content):
+    package = shutil.copytree(compiled[0], tmp_path / "tasks")
+    (package / "engine" / "kernels.json").write_text(content)
+    assert run(package, "-c", SAY)[0] == "False"
+
+
+def test_where_nothing_can_be_kept_kernels_work_and_none_is_compiled_ahead(monkeypatch):
+    def refuse(function):
+        raise RuntimeError(f"cannot cache function {function}: no locator available")
+
+    def double(number):
+        return 2 * number
+
+    monkeypatch.setattr(kernels, "_KernelCache", refuse)
+    kernel = kernels.njit(cache=True)(double)
+    assert kernel(4) == 8
+    monkeypatch.setattr(compiling, "_probe", kernel)
+    assert compiling.are_compiled()
+
+
+def test_types_are_written_and_read():
+    kinds = (
+        types.Array(types.uint8, 2, "F", readonly=True),
+        types.UniTuple(types.Tuple((types.int64, types.float32[:, ::1])), 3),
+        types.boolean,
+    )
+    assert compiling._read_types(compiling.write_types(kinds)) == kinds
+
+
+def test_our_list_is_of_kernels_that_there_are_and_can_be_read():
+    for stage in compiling.read_list().values():
+        for name, arguments in stage.items():
+            module, function = name.split(":")
+            kernel = getattr(importlib.import_module(module), function)
+            assert isinstance(kernel, Dispatcher)
+            count = kernel.py_func.__code__.co_argcount
+            kinds = compiling._read_types(arguments)
+            assert len(kinds) == count
+            assert compiling.write_types(kinds) == arguments

@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test test-long coverage lint bench bench-poses bench-retrieval clean
+.PHONY: setup demo test test-long coverage lint bench bench-poses bench-retrieval wheel clean
 
 setup: .venv/installed
 
@@ -63,6 +63,10 @@ bench-poses: setup
 # some minutes on one core: what is found, and what distances mean, where the truth is known
 bench-retrieval: setup
 	$(BIN)/python -m tests.benchmarks.retrieval
+
+# a wheel for this system and Python that carries its kernels: who installs it waits for no compiler
+wheel: setup
+	$(BIN)/python -m tests.wheel
 
 clean:
 	rm -rf .venv shosa-demo build *.egg-info

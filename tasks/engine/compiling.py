@@ -21,7 +21,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import numba
 from numba import types
 
 from tasks.engine import kernels
@@ -47,12 +46,12 @@ def read_list(path: Path = KERNELS) -> dict[str, dict[str, str]]:
 
 
 def are_compiled() -> bool:
-    """Say whether the kernels of this code were compiled here, for this processor and Python.
+    """Say whether the kernels of this code are compiled, here or in the wheel that it came with.
 
     Where compiling is switched off or nothing can be kept, there is nothing to compile ahead.
     """
     mark = _mark()
-    return mark is None or mark.exists()
+    return mark is None or mark.exists() or kernels.carried_target() is not None
 
 
 @contextmanager
@@ -177,9 +176,8 @@ def _mark() -> Path | None:
     folder = kernels.folder_of(_probe)
     if folder is None:
         return None
-    parts = [numba.__version__, sys.version, repr(kernels.processor()), KERNELS.read_text("utf-8")]
-    digest = hashlib.sha256("\0".join([*parts, kernels.digest_of_all()]).encode()).hexdigest()
-    return folder / f"compiled-{digest[:16]}"
+    made = json.dumps([kernels.made_for(), KERNELS.read_text("utf-8")])
+    return folder / f"compiled-{hashlib.sha256(made.encode()).hexdigest()[:16]}"
 
 
 @kernels.njit(cache=True)

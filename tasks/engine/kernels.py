@@ -6,23 +6,37 @@ runs on. A kernel of ours is therefore kept together with the digests of the cod
 in every file of ours behind it, and counts only where all of them are as they were. A comment may
 change in the files behind it; after any edit to its own file, numba compiles it anew.
 
+A wheel may carry kernels, compiled for the oldest processor that they are to run on
+(`python -m tests.wheel`). They count where this one has all that they use, and the code, Python and
+numba are those that they were made with.
+
 numba has no public way to say so for some kernels and not for all packages. `FunctionCache`,
-`CompileResultCacheImpl` and the `_cache` of a dispatcher are its own;
+`IndexDataCacheFile`, `CompileResultCacheImpl` and the `_cache` of a dispatcher are its own;
 tests/tasks/engine/test_kernels.py tells when they change.
 """
 
 import functools
 import hashlib
+import json
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.registry import cpu_target
 
 from tasks.engine.fingerprints import code_digest, source_files
+
+CARRIED = Path(__file__).with_name("carried")
+"""Where a wheel has kernels: a folder a package, and `TARGET`."""
+TARGET = "target.json"
+"""What they were made for and from, as of `made_for`."""
+
+_Target = tuple[str, str, str]
+"""The system, the processor, and its features, each with a + before it, between commas."""
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -52,10 +66,39 @@ def folder_of(kernel: Any) -> Path | None:
     return Path(path) if path else None
 
 
-def processor() -> tuple[str, ...]:
-    """Return what numba compiles for: system, processor and its features."""
+def processor() -> _Target:
+    """Return what numba compiles for."""
     target: Any = cpu_target
     return target.target_context.codegen().magic_tuple()
+
+
+def made_for() -> dict[str, Any]:
+    """Return, as JSON, what kernels that this process compiles are made for and from."""
+    return {
+        "target": list(processor()),
+        "python": sys.version.split()[0].rpartition(".")[0],
+        "numba": numba.__version__,
+        "sources": digest_of_all(),
+    }
+
+
+@functools.cache
+def carried_target() -> _Target | None:
+    """Return for what the kernels are compiled that came with this package; None without any.
+
+    None also where they are of another Python, numba or code, or this processor lacks something.
+    """
+    try:
+        made = json.loads((CARRIED / TARGET).read_text("utf-8"))
+        system, name, features = made.pop("target")
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+    here = made_for()
+    here_system, _, here_features = here.pop("target")
+    there_are = set(here_features.split(","))
+    if made != here or system != here_system or not there_are.issuperset(features.split(",")):
+        return None
+    return system, name, features
 
 
 @functools.cache
@@ -111,7 +154,49 @@ class _KernelFiles(CompileResultCacheImpl):
         return None  # not found, for numba: it compiles, and writes over what is there
 
 
+class _Carried:
+    """What stands for numba's compiler where it only says what it compiles for."""
+
+    def magic_tuple(self) -> _Target | None:
+        return carried_target()
+
+
 class _KernelCache(FunctionCache):
-    """numba's cache of one function, in files of that kind."""
+    """numba's cache of one function, in files of that kind, and in those that a wheel carries."""
 
     _impl_class = _KernelFiles
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        # not the time of its file: what is installed has another one
+        source = _SOURCES.get(py_func.__module__, b"")
+        files = {"filename_base": self._impl.filename_base, "source_stamp": _digest(source)}
+        self._cache_file = IndexDataCacheFile(cache_path=self._cache_path, **files)
+        carried = CARRIED / py_func.__module__.rpartition(".")[0]
+        self._carried = IndexDataCacheFile(cache_path=str(carried), **files)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # of a damaged file pickle may raise anything
+            return None
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super()._load_overload(sig, target_context)
+        if found is None and carried_target() is not None:
+            data = self._carried.load(self._index_key(sig, _Carried()))
+            found = None if data is None else self._impl.rebuild(target_context, data)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError:  # a disk that is full: it is compiled again in the next process
+            return
+        except Exception:  # the index is damaged: it is written anew
+            self.flush()
+            super().save_overload(sig, data)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

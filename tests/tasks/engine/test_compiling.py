@@ -12,6 +12,7 @@ from numba import types
 from numba.core.dispatcher import Dispatcher
 
 from tasks.engine import compiling, kernels
+from tests import wheel
 from tests.conftest import ROOT
 from tests.tasks.engine.test_kernels import edit, start, write_package
 
@@ -120,3 +121,67 @@ def test_our_list_is_of_kernels_that_there_are_and_can_be_read():
             kinds = compiling._read_types(arguments)
             assert len(kinds) == count
             assert compiling.write_types(kinds) == arguments
+
+
+@pytest.fixture(scope="module")
+def carried(compiled, tmp_path_factory):
+    """The folder of a package that was installed from a wheel with kernels."""
+    tree = tmp_path_factory.mktemp("carried")
+    package = shutil.copytree(
+        compiled[0], tree / "tasks", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    wheel.carry_kernels(tree)
+    for file in package.rglob("*.py"):
+        os.utime(file, (1e9, 1e9))  # as installing does
+    assert not list(package.rglob("__pycache__/*.nb?"))
+    return package
+
+
+def test_kernels_that_a_wheel_carries_are_not_compiled(carried, tmp_path):
+    package = shutil.copytree(carried, tmp_path / "tasks")
+    assert run(package, "-c", SAY) == ["True"]
+    assert start(package) == (25, 1, 0)
+    for file in (package / "engine" / "carried").rglob("*.nb?"):
+        file.write_bytes(file.read_bytes()[:-20])
+    assert start(package) == (25, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("numba", "0.1"),
+        ("python", "3.9"),
+        ("sources", "of before"),
+        ("target", ["{system}", "of later", "+of-later"]),
+        ("target", ["of another system", "generic", "{features}"]),
+        ("target", "nothing"),
+        ("target", None),
+        ("target", 5),
+    ],
+)
+def test_kernels_of_another_processor_or_program_do_not_count(monkeypatch, tmp_path, key, value):
+    system, _, features = kernels.processor()
+    feature = features.split(",")[0]
+    made = kernels.made_for() | {"target": [system, "an older one", feature]}
+    monkeypatch.setattr(kernels, "CARRIED", tmp_path)
+
+    def counted(text):
+        kernels.carried_target.cache_clear()
+        (tmp_path / kernels.TARGET).write_text(text)
+        return kernels.carried_target()
+
+    assert counted(json.dumps(made)) == (system, "an older one", feature)
+    if isinstance(value, list):
+        value = [each.format(system=system, features=feature) for each in value]
+    assert counted(json.dumps(made | {key: value})) is None
+    assert counted(json.dumps(made)[:-5]) is None
+    kernels.carried_target.cache_clear()
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_damaged_files_are_compiled_anew_and_written_again(compiled, tmp_path, kind):
+    package = shutil.copytree(compiled[0], tmp_path / "tasks")
+    for file in package.rglob(f"*.{kind}"):
+        file.write_bytes(file.read_bytes()[:-20])
+    assert start(package) == (25, 0, 1)
+    assert start(package) == (25, 1, 0)

@@ -246,9 +246,9 @@ def _takes(options: argparse.Namespace) -> int:
     gc.disable()  # it would walk 100,000 takes again and again, of which none becomes garbage
     try:
         listing = open_archive(options.archive).listing()
+        printing.print_takes(listing.entries, as_json=options.json)
     finally:
         gc.enable()
-    printing.print_takes(listing.entries, as_json=options.json)
     for fault in listing.faults.values():
         printing.say(fault)
     return BAD_INPUT if listing.faults else DONE

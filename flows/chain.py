@@ -152,6 +152,8 @@ def make_poses(
                     start=hull.start, end=hull.end,
                 )
             )  # fmt: skip
+        if not settings.provisional_labeling.keep:
+            continue
         with _told(tell, "provisional_labeling", hull.start, hull.end):
             provisional.append(
                 run(
@@ -169,7 +171,7 @@ def make_poses(
         "initial_model": [model],
         "pose_fitting": [fit],
         "final_labeling": final,
-        "provisional_labeling": provisional,
+        **({"provisional_labeling": provisional} if provisional else {}),
         "joint_tracks": [tracked],
     }
 

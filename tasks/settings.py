@@ -38,6 +38,8 @@ class Settings:
     def that_are_read(self) -> "Settings":
         """Return the settings with those at their defaults that the method does not read."""
         labeling = self.provisional_labeling
+        if self.pose_fitting.method == "joint" and not labeling.keep:
+            labeling = ProvisionalSettings(keep=False)
         unread = "most_rings" if self.pose_fitting.method == "paper" else "most_rings_of_paper"
         return replace(
             self,
@@ -49,7 +51,7 @@ class Settings:
 
     def for_labels(self) -> ProvisionalSettings:
         """Return how provisional labels are made, by the rings that the method asks for."""
-        labeling = self.provisional_labeling
+        labeling = replace(self.provisional_labeling, keep=True)
         if self.pose_fitting.method == "paper":
             return replace(labeling, most_rings=labeling.most_rings_of_paper)
         return labeling

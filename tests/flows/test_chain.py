@@ -7,12 +7,16 @@ from flows import chain
 from storage import create_archive
 from storage.blocks import read_block
 from storage.formats.capture.capture import read_capture
+from storage.publication import verify_take
 from storage.recordings import Recording, digest_capture
+from storage.schema import SEGMENTS
 from tasks.body import paper_method
 from tasks.capture import films as capture_films
 from tasks.engine.compiling import read_list
 from tasks.engine.fingerprints import fingerprint
 from tasks.settings import Settings, read_settings
+from tasks.takes.assembling import assemble_take
+from tasks.takes.publishing import publish_take
 from tests.figures.posed_captures import film_posed
 from tests.kernels import called_kernels
 
@@ -81,6 +85,7 @@ AFTER_HULLS = ["color_block"] * 2 + ["model_take", "fit_take", *AFTER_FIT]
     [
         ({"provisional_labeling": {"volume_tolerance": 0.1}}, LABELS),
         ({"provisional_labeling": {"most_rings_of_paper": 7}}, []),
+        ({"provisional_labeling": {"keep": False, "most_rings": 7}}, []),
         ({"pose_fitting": {"paper": {"rounds": 2}}}, []),
         ({"joint_tracks": {"radius": 0.06}}, ["track_take"]),
         ({"pose_fitting": {"doubts": {"hidden_s": 0.2}}}, ["fit_take", *AFTER_FIT]),
@@ -94,6 +99,22 @@ def test_a_setting_computes_what_reads_it_anew_and_nothing_else(digitize, tables
     _, again = digitize(tables)
     assert again == computed
     assert digitize(tables)[1] == []
+
+
+def test_a_take_without_provisional_labels_is_whole(posed, digitize):
+    archive, recording = posed
+    usual, _ = digitize()
+    blocks, _ = digitize({"provisional_labeling": {"keep": False}})
+    assert usual.keys() - blocks.keys() == {"provisional_labeling"}
+    draft = assemble_take(
+        archive.location, recording.path, recording.digest, "without", blocks,
+        settings={}, changed={}, code="", notes=[],
+    )  # fmt: skip
+    publish_take(archive.location, draft, over=0)
+    assert verify_take(archive.place, "without") == []
+    frame = archive.take("without").voxels(FRAMES - 1)
+    assert len(np.unique(frame.label)) == len(SEGMENTS)
+    assert "provisional_label" not in frame
 
 
 def test_another_rule_of_silhouettes_is_another_take_altogether(digitize):

@@ -107,9 +107,7 @@ def film_pictures(films: Films, start: int, camera: str | None) -> list[bytes]:
         raise InputError(f"there is no camera {camera!r}; there are {', '.join(films.cameras)}")
     chosen = [
         (video, first)
-        for name, video, first in zip(
-            films.cameras, films.videos, films.first_frames, strict=True
-        )
+        for name, video, first in zip(films.cameras, films.videos, films.first_frames, strict=True)
         if camera in (None, name)
     ]
     end = min(start + BLOCK, *(video.frames - first for video, first in chosen), math.inf)

@@ -131,9 +131,9 @@ def _whole_frames(cost: NDArray[np.float64], reach: int) -> NDArray[np.int64]:
 
     def apart(camera: int, others: Sequence[int], shift: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return how far a camera is from some others at each step."""
-        others = np.asarray(others)
-        lags = np.clip(steps - shift[others, None], -most, most) + most
-        return known[others[:, None], camera, lags].sum(axis=0)
+        of = np.array(others)
+        lags = np.clip(steps - shift[of, None], -most, most) + most
+        return known[of[:, None], camera, lags].sum(axis=0)
 
     best: tuple[float, NDArray[np.int64]] = (np.inf, np.zeros(count, np.int64))
     for start in np.unique(np.linspace(0, count - 1, min(count, _STARTS)).astype(int)):
@@ -178,8 +178,8 @@ def _between_frames(cost: NDArray[np.float64], whole: NDArray[np.int64]) -> NDAr
 
 
 def _tip(values: NDArray[np.float64]) -> float:
-    """Return where the least value is between samples: a tent, since a parabola is drawn to them."""
-    at = int(values.argmin())
+    """Return where the least value is between samples: the tip of a tent."""
+    at = int(values.argmin())  # a parabola would be drawn to whole frames
     if not 0 < at < len(values) - 1:
         return float(at)
     before, least, after = values[at - 1 : at + 2]
@@ -240,5 +240,7 @@ def _shifted(planes: NDArray[np.float32], by: int) -> NDArray[np.float32]:
     shifted = np.full_like(planes, np.nan)
     count = planes.shape[-1]
     if abs(by) < count:
-        shifted[..., max(0, -by) : count - max(0, by)] = planes[..., max(0, by) : count + min(0, by)]
+        shifted[..., max(0, -by) : count - max(0, by)] = planes[
+            ..., max(0, by) : count + min(0, by)
+        ]
     return shifted

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
+from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers
 
 WIDTH_PX = 320.0
@@ -128,6 +129,15 @@ def find_touches(outlines: Sequence[Outline], projection: Projection) -> Touches
     return Touches(count, np.array(pairs, np.int64).reshape(-1, 2), planes)
 
 
+def touches_of(packed: NDArray[np.uint8], projection: Projection) -> Touches:
+    """Return the planes that touch the silhouettes (time, camera, row, column / 8), packed."""
+    outlines = side_by_side(
+        lambda camera: find_outline(packed[:, camera], projection, camera),
+        range(projection.cameras),
+    )
+    return find_touches(outlines, projection)
+
+
 def join_touches(parts: Sequence[Touches], gap: int = 0) -> Touches:
     """Return the planes of some frames after another as one, unknown frames between them."""
     unknown = np.full((*parts[0].planes.shape[:-1], gap), np.nan, np.float32)
@@ -149,15 +159,13 @@ def _rays(corner: NDArray[np.int32], projection: Projection, camera: int) -> NDA
     if not len(corner):
         return np.zeros((0, 3))
     pixel = corner[:, None, ::-1].astype(np.float64)
-    flat = cv2.undistortPoints(
-        pixel, projection.intrinsics[camera], projection.distortion[camera]
-    )[:, 0]
+    flat = cv2.undistortPoints(pixel, projection.intrinsics[camera], projection.distortion[camera])[
+        :, 0
+    ]
     return np.c_[flat, np.ones(len(flat))] @ projection.camera_from_world[camera, :, :3]
 
 
-def _extremes(
-    angle: NDArray[np.float64], outline: Outline, into: NDArray[np.float32]
-) -> None:
+def _extremes(angle: NDArray[np.float64], outline: Outline, into: NDArray[np.float32]) -> None:
     """Write the least and the greatest angle of each frame, (2, time), but of what is cut off."""
     there = np.flatnonzero(np.diff(outline.begin))
     if not len(there):
@@ -178,30 +186,14 @@ def _hull_corners(packed: Any, columns: Any, corner: Any, begin: Any) -> Any:
     """
     used = 0
     for n in range(len(packed)):
-        for right in range(2):
+        for side in (-1, 1):
             base = used
             for i in range(packed.shape[1]):
-                row, j = packed[n, i], -1
-                if right:
-                    for b in range(packed.shape[2] - 1, -1, -1):
-                        if row[b]:
-                            byte, bit = row[b], 7
-                            while not byte >> (7 - bit) & 1:
-                                bit -= 1
-                            j = min(8 * b + bit, columns - 1)
-                            break
-                else:
-                    for b in range(packed.shape[2]):
-                        if row[b]:
-                            byte, bit = row[b], 0
-                            while not byte >> (7 - bit) & 1:
-                                bit += 1
-                            j = 8 * b + bit
-                            break
+                j = _first_bit(packed[n, i]) if side < 0 else _last_bit(packed[n, i])
                 if j < 0:
                     continue
-                side = 1 if right else -1
-                while used - base >= 2:  # the one before is not outside of its neighbors
+                j = min(j, columns - 1)
+                while used - base >= 2:  # until the one before is outside of its neighbors
                     i0, j0 = corner[used - 2, 0], corner[used - 2, 1]
                     i1, j1 = corner[used - 1, 0], corner[used - 1, 1]
                     if side * ((j1 - j0) * (i - i0) - (j - j0) * (i1 - i0)) > 0:
@@ -211,3 +203,27 @@ def _hull_corners(packed: Any, columns: Any, corner: Any, begin: Any) -> Any:
                 used += 1
         begin[n + 1] = used
     return used
+
+
+@njit(cache=True, nogil=True)
+def _first_bit(row: Any) -> Any:
+    """Return the number of the first bit that is set in some bytes; -1 where none is."""
+    for b in range(len(row)):
+        if row[b]:
+            bit = 0
+            while not row[b] >> (7 - bit) & 1:
+                bit += 1
+            return 8 * b + bit
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _last_bit(row: Any) -> Any:
+    """Return the number of the last bit that is set in some bytes; -1 where none is."""
+    for b in range(len(row) - 1, -1, -1):
+        if row[b]:
+            bit = 7
+            while not row[b] >> (7 - bit) & 1:
+                bit -= 1
+            return 8 * b + bit
+    return -1

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.formats.capture.capture import Capture
 from storage.formats.capture.offsets import offset_line
 from storage.formats.reading import listed
 from tasks.capture.offsets import (
@@ -41,7 +42,7 @@ faster films each second frame or fewer is looked at."""
 
 _ANOTHER = 3.0
 """How many times what is left of the others a film leaves that shows another movement [times].
-Played backwards it leaves 5 to 7 times as much; with 3 frames lost 2 to 3 times."""
+Played backwards it leaves 3.6 to 4.2 times as much; with 3 frames lost twice."""
 
 _CORRECTED = 0.5
 """From how much lateness another frame is the nearest [frames]."""
@@ -89,9 +90,12 @@ class Beginnings:
     """What is to stand in capture.toml, where something else stands there now."""
 
 
-def step_of(fps: float) -> int:
-    """Return how many frames of a film are between those that are looked at."""
-    return max(1, round(fps / _RATE_HZ))
+def timing_of(capture: Capture, late_frames: float) -> Timing:
+    """Return what a capture says of when its films began."""
+    return Timing(
+        [camera.name for camera in capture.cameras], capture.fps,
+        max(1, round(capture.fps / _RATE_HZ)), capture.offsets_s, late_frames,
+    )  # fmt: skip
 
 
 def judge_beginnings(
@@ -121,7 +125,9 @@ def judge_beginnings(
     loses = np.array([bool(each) for each in lost])
     late = np.where(sure & ~loses, found.late, np.nan)
     faults = [*filter(None, lost)]
-    moved, line = _corrected(late, timing, everybody=bool(unequal) and bool(sure.all()))
+    moved, line = _corrected(late, timing)
+    if unequal and not line and sure.all():  # who says that one began at 0 says it of all
+        line = offset_line({timing.names[0]: 0.0})
     is_late = np.abs(late) >= timing.late_frames
     said = f"by the silhouettes {_said(moved, late, timing) or 'all films began together'}"
     advice = f"write `{line}` under [video] of capture.toml"
@@ -167,7 +173,7 @@ def _parts(
     for passage in passages:
         count = passage.touches.frames
         ends = np.linspace(0, count, min(most, max(1, count // _PART_FRAMES)) + 1).astype(int)
-        for a, b in zip(ends, ends[1:], strict=False):
+        for a, b in pairwise(ends.tolist()):
             own = measure_lateness(touches.part(at + a, at + b), reach_of(b - a, reach))
             frames = passage.start + timing.step * np.array([a, b])
             start, end = frames.tolist()
@@ -196,15 +202,13 @@ def _lost(camera: int, parts: Sequence[_Part], touches: Touches, timing: Timing)
     return ""
 
 
-def _corrected(
-    late: NDArray[np.float64], timing: Timing, *, everybody: bool
-) -> tuple[list[int], str]:
+def _corrected(late: NDArray[np.float64], timing: Timing) -> tuple[list[int], str]:
     """Return the cameras for which another frame is nearer, and the line that says all offsets."""
     moved = [int(c) for c in np.flatnonzero(np.abs(late) >= _CORRECTED)]
     offsets_s = {
         name: offset_s + (late[c] / timing.fps if c in moved else 0.0)
         for c, (name, offset_s) in enumerate(zip(timing.names, timing.offsets_s, strict=True))
-        if c in moved or offset_s or everybody
+        if c in moved or offset_s
     }
     return moved, offset_line(offsets_s) if offsets_s else ""
 
@@ -227,23 +231,20 @@ def _frames(count: float) -> str:
     return f"{count:.1f} frames"
 
 
-def _notes(
-    found: Lateness, known: NDArray[np.bool_], timing: Timing, looked_at: int
-) -> list[str]:
+def _notes(found: Lateness, known: NDArray[np.bool_], timing: Timing, looked_at: int) -> list[str]:
     """Say what is likely, and what cannot be known."""
     if looked_at < LEAST_FRAMES:
-        return [
-            f"Whether the films began together cannot be known from {looked_at} frames."
-        ]
+        return [f"Whether the films began together cannot be known from {looked_at} frames."]
     notes = []
     usual = found.left <= _ANOTHER * np.nanmedian(found.left)
     likely = ~known & (found.growth >= LIKELY_PX) & usual
-    for c in np.flatnonzero(likely & (np.abs(found.late) >= timing.late_frames)):
+    for c in np.flatnonzero(likely & (np.abs(found.late) >= timing.late_frames)).tolist():
         notes.append(
-            f"The film of camera {timing.names[c]!r} seems to be {_by(found.late[c], timing)}, which "
-            "is not sure, as the performer moves little: clap or jump at the beginning of a take."
+            f"The film of camera {timing.names[c]!r} seems to be {_by(found.late[c], timing)}, "
+            "which is not sure, as the performer moves little: clap or jump at the beginning of a "
+            "take."
         )
-    unknown = [timing.names[c] for c in np.flatnonzero(~known & ~likely)]
+    unknown = [timing.names[c] for c in np.flatnonzero(~known & ~likely).tolist()]
     if len(unknown) == len(timing.names):
         notes.append(
             "Whether the films began together cannot be known, as the performer moves too little, "

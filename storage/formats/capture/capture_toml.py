@@ -66,7 +66,9 @@ def read_capture_toml(folder: Path, faults: list[str], notes: list[str]) -> Capt
     volume = _volume(tables.get("volume", {}), faults)
     fps, up, unit_m = _video(tables.get("video", {}), faults)
     notes += _unknown_keys(tables)
-    return CaptureSettings(take, metadata, stature_m, volume, fps, up, unit_m, tables.get("video", {}))
+    return CaptureSettings(
+        take, metadata, stature_m, volume, fps, up, unit_m, tables.get("video", {})
+    )
 
 
 def _tables(folder: Path) -> dict[str, Any]:

@@ -57,8 +57,14 @@ def look_at_footage(path: Path) -> Footage:
     video = open_video(path)
     rows, columns = video.size
     return Footage(
-        path, (columns, rows), video.frames, video.rate_hz, video.notes, video.pixel_aspect,
-        video.timecode, video.created,
+        path,
+        (columns, rows),
+        video.frames,
+        video.rate_hz,
+        video.notes,
+        video.pixel_aspect,
+        video.timecode,
+        video.created,
     )
 
 

@@ -9,7 +9,7 @@ all cameras filmed, and of each camera the nearest frame shows them.
 import json
 import math
 import unicodedata
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,10 +119,11 @@ def align_films(
     if frames < 1:
         latest = names[int(whole.argmax())]
         ended = min(names, key=lambda name: after[name])
+        later_s = (late.max() - late[names.index(ended)]) / fps
         faults.append(
-            f"by offset_s, camera {latest!r} began {(late.max() - late[names.index(ended)]) / fps:g}"
-            f" s later than camera {ended!r}, whose film had ended after {counts[ended] / fps:g} s: "
-            "no moment is in all films; correct offset_s, or leave a camera out"
+            f"by offset_s, camera {latest!r} began {later_s:g} s later than camera {ended!r}, "
+            f"whose film had ended after {counts[ended] / fps:g} s: no moment is in all films; "
+            "correct offset_s, or leave a camera out"
         )
         return Alignment()
     notes.append(_said(first, dict(zip(names, beside, strict=True)), fps))

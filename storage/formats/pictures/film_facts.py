@@ -142,8 +142,17 @@ def look_through(path: Path) -> FilmFacts:
     notes += _notes(size, -turned % 360, aspect, fields=fields, flagged=first.interlaced_frame)
     rate_hz = _rate(path, rates, times_us if dates else times_us[:0])
     return FilmFacts(
-        len(shown), size, rate_hz, tuple(notes), dates, keys, turned // 90 % 4, fields, aspect,
-        timecode, created,
+        len(shown),
+        size,
+        rate_hz,
+        tuple(notes),
+        dates,
+        keys,
+        turned // 90 % 4,
+        fields,
+        aspect,
+        timecode,
+        created,
     )
 
 

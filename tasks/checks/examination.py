@@ -2,6 +2,7 @@
 
 import unicodedata
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,8 +18,12 @@ from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
 from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
 from tasks.checks.watching import watch_films
+from tasks.engine.progress import within
 from tasks.reconstruction.silhouettes import extract_silhouettes
 
+_WATCHED, _WATCHED_AGAIN = 0.75, 0.85
+"""How much of the work is done when films were looked through, and again from where they begin
+[share]. Of 8 cameras, 150 frames; only for who waits."""
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
 
@@ -46,6 +51,7 @@ def examine_captures(
     into: Path | None,
     report: Callable[[str], None],
     say: Callable[[str], None],
+    watch: Callable[[str], AbstractContextManager[None]] = nullcontext,
 ) -> bool:
     """Examine captures one after another, and return whether all are good.
 
@@ -57,6 +63,9 @@ def examine_captures(
         As for `examine_capture`; of several captures each has a folder of its own there.
     report, say
         Called with each line of a report, and with what is wrong with files.
+    watch
+        Gives what is entered while a capture, by its name, is examined: it may listen how far that
+        is.
     """
     good = True
     names = _names_apart([Path(folder).resolve() for folder in folders])
@@ -65,7 +74,8 @@ def examine_captures(
         if into:
             own = into / name if len(folders) > 1 else into
         try:
-            found = examine_capture(folder, own)
+            with watch(name):
+                found = examine_capture(folder, own)
         except InputError as error:
             say(f"shosa: {error}")
             good = False
@@ -121,12 +131,14 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
     backgrounds = read_backgrounds(capture)
     projection, settings = projection_of(capture.cameras), AgreementSettings()
     timing = timing_of(capture, settings.late_frames)
-    watched = watch_films(capture, backgrounds, timing.step)
+    with within(0.0, _WATCHED):
+        watched = watch_films(capture, backgrounds, timing.step)
     begun = judge_beginnings(watched.passages, projection, timing, unequal=capture.unequal)
     frames, notes = watched.frames, begun.notes
     if begun.line:
         together = _together(capture, begun)
-        frames = watch_films(together, backgrounds, timing.step, passages=False).frames
+        with within(_WATCHED, _WATCHED_AGAIN):
+            frames = watch_films(together, backgrounds, timing.step, passages=False).frames
         notes = (*notes, "The silhouettes were compared as that line would have the films.")
     silhouettes, gains = _silhouettes(frames, backgrounds)
     names = list(timing.names)

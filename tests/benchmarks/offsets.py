@@ -98,14 +98,14 @@ def dancer() -> Films:
     """Return the one instant of `dancer8`."""
     folder = DATA / "dancer8"
     pictures = sorted((folder / "silhouettes").glob("*.pbm"))
-    seen = np.stack([cv2.imread(str(each), cv2.IMREAD_GRAYSCALE) > 0 for each in pictures])
+    seen = np.stack([np.asarray(cv2.imread(str(each), cv2.IMREAD_GRAYSCALE)) for each in pictures])
     rows, columns = seen.shape[1:]
     cameras = [
         replace(camera, size=(columns, rows))
         for camera in read_calibration(folder / "calibration")[0]
     ]
     timing = Timing([camera.name for camera in cameras], 30.0, 1, [0.0] * len(cameras), LATE_FRAMES)
-    return Films(np.packbits(seen, axis=-1)[None], projection_of(cameras), timing)
+    return Films(np.packbits(seen > 0, axis=-1)[None], projection_of(cameras), timing)
 
 
 def cases(films: Films) -> Iterator[tuple[str, int, int, Beginnings, float]]:

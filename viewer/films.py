@@ -5,10 +5,10 @@ a time, because a film is read from one frame that stands alone to the next.
 """
 
 import math
-from collections.abc import Callable, Sequence
+import unicodedata
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,8 @@ class Films:
 
     cameras: tuple[str, ...]
     videos: tuple[Video, ...]
+    first_frames: tuple[int, ...]
+    """The frame of each that is frame 0 of the take."""
 
     @property
     def columns(self) -> int:
@@ -67,7 +69,25 @@ def open_films(take: Take) -> Films:
     found = files_of("video", folder, faults) or {}
     if faults or not found:
         raise InputError("; ".join(faults) or f"the capture {folder} has no films")
-    return Films(tuple(found), tuple(open_video(paths[0]) for paths in found.values()))
+    return Films(
+        tuple(found),
+        tuple(open_video(paths[0]) for paths in found.values()),
+        tuple(_first_frames(take).get(name, 0) for name in found),
+    )
+
+
+def _first_frames(take: Take) -> dict[str, int]:
+    """Return the frame of each camera's film that is frame 0 of the take.
+
+    As it was digitized, whatever capture.toml says now; of takes of before, there are none.
+    """
+    cameras = take.cameras
+    if "first_frame" not in cameras:
+        return {}
+    return {
+        unicodedata.normalize("NFC", str(name)): int(first)
+        for name, first in zip(cameras.attrs["cameras"], cameras["first_frame"].values, strict=True)
+    }
 
 
 def film_pictures(films: Films, start: int, camera: str | None) -> list[bytes]:
@@ -86,17 +106,19 @@ def film_pictures(films: Films, start: int, camera: str | None) -> list[bytes]:
     if camera is not None and camera not in films.cameras:
         raise InputError(f"there is no camera {camera!r}; there are {', '.join(films.cameras)}")
     chosen = [
-        video
-        for name, video in zip(films.cameras, films.videos, strict=True)
+        (video, first)
+        for name, video, first in zip(films.cameras, films.videos, films.first_frames, strict=True)
         if camera in (None, name)
     ]
-    end = min(start + BLOCK, *(video.frames for video in chosen), math.inf)
+    end = min(start + BLOCK, *(video.frames - first for video, first in chosen), math.inf)
     if not 0 <= start < end:
         raise InputError(f"the films have no frame {start}")
     wide = _WIDE_PX if camera is None else _ALONE_PX
-    read: Callable[[Video], NDArray[np.uint8]] = partial(
-        _small, start=start, end=int(end), wide=wide
-    )
+
+    def read(film: tuple[Video, int]) -> NDArray[np.uint8]:
+        video, first = film
+        return _small(video, first + start, first + int(end), wide)
+
     with ThreadPoolExecutor(THREADS) as pool:
         frames = list(pool.map(read, chosen))
     columns = films.columns if camera is None else 1

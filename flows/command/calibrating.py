@@ -2,12 +2,12 @@
 
 import argparse
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.command import printing
 from flows.command.options import UsageError
+from flows.command.terminal import work_bar
 from storage.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +62,6 @@ def calibrate(options: argparse.Namespace) -> bool:
         look_for_board,
         write_results,
     )
-    from tasks.engine.progress import listening
 
     folder = Path(options.folder)
     if (folder / CALIBRATION).exists() and not options.force:
@@ -75,7 +74,7 @@ def calibrate(options: argparse.Namespace) -> bool:
             f"the board is a {found.said}; how large are its squares? Measure ten of them, and "
             "give the side of one in metres, such as --square-m 0.03"
         )
-    with listening(_tell if sys.stderr.isatty() and not options.quiet else lambda _share: None):
+    with work_bar("calibration", quiet=options.quiet):
         found = calibrate_folder(
             folder, square_m=options.square_m, size=size, charuco=options.charuco, floor=floor
         )
@@ -83,12 +82,6 @@ def calibrate(options: argparse.Namespace) -> bool:
     for line in _lines(folder, found):
         printing.print_line(line)
     return not found.faults
-
-
-def _tell(share: float) -> None:
-    """Show on a terminal how much is done, in a line that the next one replaces."""
-    sys.stderr.write(f"\r{share:4.0%} of the calibration \r")
-    sys.stderr.flush()
 
 
 def _lines(folder: Path, found: "Calibrated") -> list[str]:

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from flows.progress import Moment, watching
+from flows.progress import Moment, time_left, watching
+from tasks.engine.progress import listening
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 _SOON_S = 0.5
 """How long a search may take before a bar is shown [s]. Chosen: what is over sooner needs none."""
+_SETTLED_S = 3.0
+"""How long work has to go on before a time is told [s]. Chosen: what compiles first looks slow."""
+_LEAST_SHARE = 0.05
+"""How much of it has to be done before a time is told [share]. Chosen, not measured."""
 _NAME_WIDTH = 28
 """How much of a take's name is shown beside its bar [characters]. Chosen by eye: the bar and the
 time left fit into 100 columns."""
@@ -107,6 +112,36 @@ def search_bar(*, quiet: bool) -> Iterator[Callable[[list[Any], int], None] | No
             progress.update(task, completed=share, said=said, refresh=True)
 
         yield tell
+
+
+@contextmanager
+def work_bar(what: str, *, quiet: bool) -> Iterator[None]:
+    """Show a bar, and how long it still takes, for work whose loops report how far they are.
+
+    Parameters
+    ----------
+    what
+        What is worked on.
+    quiet
+        No bar.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    begun = time.monotonic()
+    with _new_progress(Console(stderr=True)) as progress:
+        task = progress.add_task(_short(what), total=1.0, said="")
+
+        def hear(share: float) -> None:
+            spent_s = time.monotonic() - begun
+            told = spent_s >= _SETTLED_S and share >= _LEAST_SHARE
+            said = time_left(spent_s * (1.0 - share) / share) if told else ""
+            progress.update(task, completed=share, said=said, refresh=True)
+
+        with listening(hear):
+            yield
 
 
 def _new_progress(console: "Console") -> "Progress":

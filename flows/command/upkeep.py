@@ -10,7 +10,7 @@ from flows.command.calibrating import add_calibrate_options, calibrate
 from flows.command.exits import BAD_INPUT, DONE, RUN_FAILED
 from flows.command.options import UsageError, check_hours
 from flows.command.preparing import prepare_prefect
-from flows.command.terminal import bars
+from flows.command.terminal import bars, work_bar
 from storage import open_archive
 
 
@@ -90,7 +90,10 @@ def _doctor(options: argparse.Namespace) -> int:
         from tasks.checks.examination import examine_captures
 
         into = Path(options.out) if options.out else None
-        good = examine_captures(options.captures, into, printing.print_line, printing.say)
+        good = examine_captures(
+            options.captures, into, printing.print_line, printing.say,
+            watch=lambda name: work_bar(name, quiet=options.quiet),
+        )  # fmt: skip
         return DONE if good else BAD_INPUT
     from flows.command.doctor import examine_installation
 

@@ -52,9 +52,13 @@ _OVER = ("run", "voxel", "surface")
 
 
 def write_cameras(
-    place: Place, folder: str, cameras: Sequence[Camera], provenance: Provenance
-) -> None:
-    """Write the group `cameras` of the version in `folder`: metres, y up, OpenCV's lens."""
+    place: Place, folder: str, cameras: Sequence[Camera], provenance: Provenance,
+    first_frames: Sequence[int] = (),
+) -> None:  # fmt: skip
+    """Write the group `cameras` of the version in `folder`: metres, y up, OpenCV's lens.
+
+    `first_frames` are the frames of their films that are frame 0 of the take, 0 by default.
+    """
     distortion = np.zeros((len(cameras), 8))
     for row, camera in zip(distortion, cameras, strict=True):
         row[: len(camera.distortion)] = camera.distortion
@@ -79,6 +83,11 @@ def write_cameras(
                 {"units": "m", "meaning": "x = intrinsics (rotation X + translation)"},
             ),
             "image_size": (("camera", "side"), size, {"meaning": "columns, rows", "units": "px"}),
+            "first_frame": (
+                ("camera",),
+                np.array(first_frames or [0] * len(cameras), np.int64),
+                {"meaning": "the frame of the camera's film that is frame 0 of the take"},
+            ),
         },
         coords={"camera": names, "space": list(SPACE)},
         attrs={

@@ -101,7 +101,7 @@ def read_backgrounds(capture: Capture) -> list[Background]:
 def read_films(
     capture: Capture, start: int, end: int
 ) -> Iterator[tuple[int, list[NDArray[np.uint8]]]]:
-    """Yield the frames from `start` to before `end` of all cameras, some at a time.
+    """Yield the frames of the take from `start` to before `end` of all cameras, some at a time.
 
     How many at a time depends on the size of the images alone, so memory does not grow with the
     length of a take.
@@ -124,7 +124,11 @@ def read_films(
     ]
     frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
     block = max(1, min(_MOST_AT_ONCE, _HELD_BYTES // frame_bytes))
-    yield from _one_ahead(read_blocks(videos, block=block, start=start, end=end, workers=THREADS))
+    yield from _one_ahead(
+        read_blocks(
+            videos, block=block, start=start, end=end, firsts=capture.first_frames, workers=THREADS
+        )
+    )
 
 
 def _one_ahead(items: Iterator[_Item]) -> Iterator[_Item]:

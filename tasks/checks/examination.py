@@ -2,7 +2,8 @@
 
 import unicodedata
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -11,19 +12,18 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
-from storage.formats.pictures.video import Video, open_video, read_blocks
 from tasks.capture.backgrounds import Background, measure_gain, smooth
-from tasks.capture.films import grid_of, of_camera, projection_of, read_backgrounds
-from tasks.checks.agreement import Agreement, check_agreement
+from tasks.capture.films import grid_of, projection_of, read_backgrounds
+from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
+from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
+from tasks.checks.watching import watch_films
+from tasks.engine.progress import within
 from tasks.reconstruction.silhouettes import extract_silhouettes
 
-_LOOKED_AT = 8
-"""Frames of a take."""
-_WITHIN_S = 60.0
-"""From the beginning: a film with one key frame is decoded from there to each frame."""
-_BLOCK = 16
-"""Frames that are decoded at a time. Few, so that films of any size fit into memory."""
+_WATCHED, _WATCHED_AGAIN = 0.75, 0.85
+"""How much of the work is done when films were looked through, and again from where they begin
+[share]. Of 8 cameras, 150 frames; only for who waits."""
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
 
@@ -34,10 +34,16 @@ class Examination:
 
     capture: Capture
     agreement: Agreement
+    begun: Beginnings
     notes: tuple[str, ...]
     pictures: tuple[Path, ...]
     unwritten: str = ""
     """Why there are no pictures, where they could not be written."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What must be corrected before the capture is digitized, a sentence each."""
+        return (*self.begun.faults, *self.agreement.faults)
 
 
 def examine_captures(
@@ -45,6 +51,7 @@ def examine_captures(
     into: Path | None,
     report: Callable[[str], None],
     say: Callable[[str], None],
+    watch: Callable[[str], AbstractContextManager[None]] = nullcontext,
 ) -> bool:
     """Examine captures one after another, and return whether all are good.
 
@@ -56,6 +63,9 @@ def examine_captures(
         As for `examine_capture`; of several captures each has a folder of its own there.
     report, say
         Called with each line of a report, and with what is wrong with files.
+    watch
+        Gives what is entered while a capture, by its name, is examined: it may listen how far that
+        is.
     """
     good = True
     names = _names_apart([Path(folder).resolve() for folder in folders])
@@ -64,14 +74,15 @@ def examine_captures(
         if into:
             own = into / name if len(folders) > 1 else into
         try:
-            found = examine_capture(folder, own)
+            with watch(name):
+                found = examine_capture(folder, own)
         except InputError as error:
             say(f"shosa: {error}")
             good = False
             continue
         for line in report_lines(found):
             report(line)
-        good = good and not found.agreement.faults
+        good = good and not found.faults
         if found.unwritten:
             say(f"shosa: {found.unwritten}")
             good = good and into is None  # nobody asked for the usual place
@@ -113,18 +124,26 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
         With all that is wrong with the files, a line each; or a film, named by its camera,
         cannot be decoded to its end.
     """
-    capture = read_capture(folder)
+    capture = read_capture(folder, any_length=True)
     into = into or Path(f"{folder.resolve().name}-doctor")
     if into.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{into} is within the capture, which is left as it is; choose another")
     backgrounds = read_backgrounds(capture)
-    frames = _sampled_frames(capture)
+    projection, settings = projection_of(capture.cameras), AgreementSettings()
+    timing = timing_of(capture, settings.late_frames)
+    with within(0.0, _WATCHED):
+        watched = watch_films(capture, backgrounds, timing.step)
+    begun = judge_beginnings(watched.passages, projection, timing, unequal=capture.unequal)
+    frames, notes = watched.frames, begun.notes
+    if begun.line:
+        together = _together(capture, begun)
+        with within(_WATCHED, _WATCHED_AGAIN):
+            frames = watch_films(together, backgrounds, timing.step, passages=False).frames
+        notes = (*notes, "The silhouettes were compared as that line would have the films.")
     silhouettes, gains = _silhouettes(frames, backgrounds)
-    names = [camera.name for camera in capture.cameras]
-    agreement = check_agreement(
-        silhouettes, projection_of(capture.cameras), grid_of(capture), names
-    )
-    notes = _gain_notes(names, gains)
+    names = list(timing.names)
+    agreement = check_agreement(silhouettes, projection, grid_of(capture), names, settings)
+    notes = (*notes, *agreement.notes, *_gain_notes(names, gains))
     pictures, unwritten = (), ""
     try:
         pictures = _draw(capture, frames, silhouettes, into)
@@ -133,7 +152,7 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
             f"the pictures cannot be written into {into} ({error.strerror or error}); name a "
             "folder that can be written by --out"
         )
-    return Examination(capture, agreement, (*agreement.notes, *notes), pictures, unwritten)
+    return Examination(capture, agreement, begun, notes, pictures, unwritten)
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -143,49 +162,44 @@ def report_lines(found: Examination) -> list[str]:
         f"{capture.folder}: {len(capture.cameras)} cameras, {capture.frames} frames at "
         f"{capture.fps:g} Hz",
         f"{'camera':16} {'image':>10} {'sees':>6} {'silhouette':>11} {'explained':>10} "
-        f"{'overlap':>8}",
+        f"{'overlap':>8} {'late':>7}",
     ]
     for n, camera in enumerate(capture.cameras):
         lines.append(
             f"{camera.name:16} {f'{camera.width}x{camera.height}':>10} "
             f"{capture.seen_share[n]:6.0%} {agreement.silhouette[n]:11.1%} "
-            f"{_share(agreement.explained[n]):>10} {_share(agreement.overlap[n]):>8}"
+            f"{_share(agreement.explained[n]):>10} {_share(agreement.overlap[n]):>8} "
+            f"{_late(found.begun, n):>7}"
         )
     lines += [f"note: {note}" for note in (*capture.notes, *found.notes)]
-    lines += [f"BAD {fault}" for fault in agreement.faults]
+    lines += [f"BAD {fault}" for fault in found.faults]
     if found.pictures:
         lines.append(f"pictures: {found.pictures[0].parent}")
     else:
         lines.append("pictures: none, they could not be written")
-    if not agreement.faults:
+    if not found.faults:
         lines.append("ok")
     return lines
+
+
+def _late(begun: Beginnings, camera: int) -> str:
+    """Return how many frames late a film is, as far as that is known."""
+    if begun.loses[camera]:
+        return "loses"
+    late = begun.late_frames[camera]
+    return "?" if np.isnan(late) else f"{round(late, 1) + 0.0:+.1f}"
 
 
 def _share(share: float) -> str:
     return "-" if np.isnan(share) else f"{share:.0%}"
 
 
-def _sampled_frames(capture: Capture) -> list[NDArray[np.uint8]]:
-    """Return a few frames (time, row, column, 3) of each camera, decoding each film once."""
-    videos = [
-        of_camera(camera, lambda path=path: open_video(path))
-        for camera, path in zip(capture.cameras, capture.videos, strict=True)
-    ]
-    end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
-    chosen = set(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int).tolist())
-    return [
-        of_camera(camera, lambda video=video: _chosen(video, chosen, end))
-        for camera, video in zip(capture.cameras, videos, strict=True)
-    ]
-
-
-def _chosen(video: Video, chosen: set[int], end: int) -> NDArray[np.uint8]:
-    """Return some frames of a film, read through from its beginning."""
-    found = []
-    for start, (frames,) in read_blocks([video], block=_BLOCK, end=end):
-        found += [frame.copy() for n, frame in enumerate(frames, start) if n in chosen]
-    return np.stack(found)
+def _together(capture: Capture, begun: Beginnings) -> Capture:
+    """Return a capture whose films begin where they were found to."""
+    late = np.nan_to_num(begun.late_frames).round().astype(int)
+    moved = (late.max() - late).tolist()
+    first = [a + b for a, b in zip(capture.first_frames, moved, strict=True)]
+    return replace(capture, first_frames=tuple(first), frames=capture.frames - max(moved))
 
 
 def _silhouettes(

@@ -163,7 +163,7 @@ def _write_groups(
     provenances: dict[str, Provenance],
 ) -> None:
     """Write the groups of a version."""
-    write_cameras(place, folder, source.cameras, provenances["cameras"])
+    write_cameras(place, folder, source.cameras, provenances["cameras"], source.first_frames)
     rows, columns = largest_image(source.cameras)
     write_silhouettes(
         place,

@@ -156,7 +156,12 @@ def test_all_faults_of_the_files_are_named_at_once(tmp_path, capsys, checkers):
     (folder / "capture.toml").write_text("[video]\noffset_s = { cam7 = 1 }\n")
     code, _, err = calibrate(capsys, folder, "--square-m", 0.13)
     assert code == 3
-    for words in ("cam2.mp4", "cam1.avi is empty", "other.png is of no camera", "offset of 'cam7'"):
+    for words in (
+        "cam2.mp4",
+        "cam1.avi is empty",
+        "other.png is of no camera",
+        "offset_s of 'cam7'",
+    ):
         assert words in err
     code, _, err = calibrate(capsys, tmp_path / "none", "--square-m", 0.13)
     assert code == 3

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.formats.capture.offsets import read_offsets
 from storage.formats.pictures.video import (
     PICTURE_SUFFIXES,
     VIDEO_SUFFIXES,
@@ -173,16 +174,5 @@ def _offsets(path: Path, known: Collection[str], faults: list[str]) -> dict[str,
     if not path.exists():
         return {}
     table: Any = read_toml(path, "a capture.toml").get("video", {})
-    offsets = table.get("offset_s", {}) if isinstance(table, dict) else {}
-    good = isinstance(offsets, dict) and all(
-        isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-        for value in offsets.values()
-    )
-    if not good:
-        faults.append(f"{path}: offset_s should be seconds a camera, such as {{ cam3 = 0.1 }}")
-        return {}
-    named = {unicodedata.normalize("NFC", name): float(value) for name, value in offsets.items()}
-    unknown = sorted(named.keys() - set(known))
-    if unknown:
-        faults.append(f"{path} has an offset of {listed(unknown)}, of which there is no film")
-    return named
+    found = read_offsets(table, known, str(path), faults) if isinstance(table, dict) else None
+    return found or {}

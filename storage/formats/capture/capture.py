@@ -4,7 +4,6 @@ Before anything is computed, all of it is checked against each other: every came
 a background, image sizes agree, frame counts agree, and the cameras look at the volume.
 """
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from storage.formats.capture.capture_files import (
     unread_files,
 )
 from storage.formats.capture.capture_toml import MARK, CaptureSettings, Volume, read_capture_toml
+from storage.formats.capture.clocks import clock_notes
 from storage.formats.capture.footage import (
     Footage,
     by_px,
@@ -35,10 +35,8 @@ from storage.formats.capture.footage import (
     why_unequal,
 )
 from storage.formats.capture.initial import read_initial
+from storage.formats.capture.offsets import Alignment, align_films, read_offsets
 from storage.formats.reading import listed
-
-COUNT_TOLERANCE_S = 0.1
-"""Videos whose lengths differ by at most so much are cut to the shortest; others are refused."""
 
 RATE_TOLERANCE = 0.01
 """Relative difference of frame rates that is taken for rounding (30 and 29.97)."""
@@ -63,7 +61,7 @@ class Capture:
     backgrounds: tuple[Path, ...]
     """A picture, or a video."""
     frames: int
-    """Of the shortest video, as its header says."""
+    """Moments that all videos show, as their headers say."""
     calibration: Path
     initial: Path | None
     """`initial.json`, where there is one."""
@@ -71,15 +69,23 @@ class Capture:
     """Share of the volume, 0 to 1, that each camera films."""
     notes: tuple[str, ...] = ()
     """What had to be assumed, a sentence each."""
+    first_frames: tuple[int, ...] = ()
+    """The frame of each video that is frame 0 of the take."""
+    offsets_s: tuple[float, ...] = ()
+    """How much later than the others each video began, as capture.toml says."""
+    unequal: str = ""
+    """What is wrong with the lengths of the videos, where they may differ."""
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: Path, *, any_length: bool = False) -> Capture:
     """Read and check a capture.
 
     Parameters
     ----------
     folder : Path
         With capture.toml, a calibration, `videos` and `background`.
+    any_length
+        Let videos of unequal length pass, to find out when each began; `unequal` tells of them.
 
     Raises
     ------
@@ -102,7 +108,10 @@ def read_capture(folder: Path) -> Capture:
     faults += _size_faults(sized, videos, backgrounds)
     cameras, unit_m = _place(path, replace(found, cameras=sized), said, faults, notes)
     fps = _rate(said.fps, videos, faults, notes)
-    frames = _count(videos, fps, faults, notes)
+    offsets_s = read_offsets(said.video, [each.name for each in found.cameras], MARK, faults)
+    aligned = _align(videos, offsets_s, fps, faults, notes, any_length=any_length)
+    notes += clock_notes(videos, fps or 0.0)
+    frames = aligned.frames
     assumed = found.unit_m is None and said.unit_m is None
     shares = _views(cameras, volume, unit_m, faults, notes, assumed=assumed)
     initial = folder / "initial.json"
@@ -115,6 +124,8 @@ def read_capture(folder: Path) -> Capture:
         tuple(videos[camera.name].path for camera in cameras),
         tuple(backgrounds[camera.name].path for camera in cameras),
         frames, path, initial if has_initial else None, tuple(shares), tuple(notes),
+        aligned.first_frames,
+        tuple((offsets_s or {}).get(camera.name, 0.0) for camera in cameras), aligned.unequal,
     )  # fmt: skip
 
 
@@ -317,32 +328,21 @@ def _close(rate: float, other: float) -> bool:
     return abs(rate - other) <= RATE_TOLERANCE * other
 
 
-def _count(
-    videos: dict[str, Footage], fps: float | None, faults: list[str], notes: list[str]
-) -> int:
-    """Return the frames of the shortest video, and say where the others are longer."""
-    if not videos:
-        return 0
+def _align(
+    videos: dict[str, Footage],
+    offsets_s: dict[str, float] | None,
+    fps: float | None,
+    faults: list[str],
+    notes: list[str],
+    *,
+    any_length: bool,
+) -> Alignment:
+    """Return which frames of the videos are those of the take."""
     counts = {name: video.frames for name, video in videos.items()}
-    shortest, longest = min(counts.values()), max(counts.values())
-    if shortest == longest:
-        return shortest
-    usual = int(np.median(list(counts.values())))
-    odd = {name: count for name, count in counts.items() if count != usual}
-    said = ", ".join(f"{name!r} {count}" for name, count in odd.items())
-    tolerance = max(1, math.ceil(COUNT_TOLERANCE_S * (fps or 0.0)))
-    if longest - shortest > tolerance:
-        faults.append(
-            f"the videos are of unequal length: {said}, the others {usual} frames; at most "
-            f"{tolerance} ({COUNT_TOLERANCE_S:g} s) may be missing at the end, so cut them to the "
-            "same moments"
-        )
-    else:
-        notes.append(
-            f"The videos have unequal numbers of frames ({said}, the others {usual}): the first "
-            f"{shortest} of each are used, as if they had started together."
-        )
-    return shortest
+    aligned = align_films(counts, offsets_s, fps or 0.0, faults, notes)
+    if aligned.unequal and not any_length:
+        faults.append(aligned.unequal)
+    return aligned
 
 
 def _views(

@@ -2,7 +2,7 @@
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from storage.formats.toml_text import plain_metadata, read_toml
 MARK = "capture.toml"
 
 _WANTED = "a capture.toml with the tables [take], [volume] and [video]"
-_KEYS = {"volume": ("center_m", "size_m", "voxel_m"), "video": ("fps", "up", "unit")}
+_KEYS = {"volume": ("center_m", "size_m", "voxel_m"), "video": ("fps", "up", "unit", "offset_s")}
 _MOST_VOXELS = 2**34
 
 
@@ -49,6 +49,8 @@ class CaptureSettings:
     """The axis that points up in the calibration."""
     unit_m: float | None
     """Metres in one unit of the calibration."""
+    video: dict[str, Any] = field(default_factory=dict)
+    """The table [video] as it stands; `offset_s` is checked where the cameras are known."""
 
 
 def read_capture_toml(folder: Path, faults: list[str], notes: list[str]) -> CaptureSettings:
@@ -64,7 +66,9 @@ def read_capture_toml(folder: Path, faults: list[str], notes: list[str]) -> Capt
     volume = _volume(tables.get("volume", {}), faults)
     fps, up, unit_m = _video(tables.get("video", {}), faults)
     notes += _unknown_keys(tables)
-    return CaptureSettings(take, metadata, stature_m, volume, fps, up, unit_m)
+    return CaptureSettings(
+        take, metadata, stature_m, volume, fps, up, unit_m, tables.get("video", {})
+    )
 
 
 def _tables(folder: Path) -> dict[str, Any]:
@@ -147,7 +151,7 @@ def _video(
     table: dict[str, Any], faults: list[str]
 ) -> tuple[float | None, str | None, float | None]:
     """Return the frame rate, the axis up and the unit that capture.toml gives."""
-    fps, up, unit = (table.get(key) for key in _KEYS["video"])
+    fps, up, unit = (table.get(key) for key in ("fps", "up", "unit"))
     if fps is not None and not _between(fps, 0.1, 10_000.0):
         faults.append(
             f"fps = {as_shown(fps)} under [video] should be frames a second, such as 30.0"

@@ -28,6 +28,10 @@ class Footage:
     """What the user should know, a sentence each."""
     pixel_aspect: float = 1.0
     """How many times as wide as high a pixel is shown."""
+    timecode: str = ""
+    """Of the first frame, by the clock of the camera, where the file says it."""
+    created: str = ""
+    """When it was made, where the file says it."""
 
     @property
     def shown(self) -> tuple[int, int]:
@@ -53,7 +57,14 @@ def look_at_footage(path: Path) -> Footage:
     video = open_video(path)
     rows, columns = video.size
     return Footage(
-        path, (columns, rows), video.frames, video.rate_hz, video.notes, video.pixel_aspect
+        path,
+        (columns, rows),
+        video.frames,
+        video.rate_hz,
+        video.notes,
+        video.pixel_aspect,
+        video.timecode,
+        video.created,
     )
 
 

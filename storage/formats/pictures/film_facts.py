@@ -11,6 +11,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
+from av.container import InputContainer
 from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
@@ -81,6 +82,8 @@ class FilmFacts:
     quarter_turns: int
     fields: str
     pixel_aspect: float
+    timecode: str = ""
+    created: str = ""
 
 
 def look_through(path: Path) -> FilmFacts:
@@ -95,6 +98,7 @@ def look_through(path: Path) -> FilmFacts:
         rates = (stream.guessed_rate, stream.average_rate)
         tick_s = float(stream.time_base or 0)
         aspect = float(stream.sample_aspect_ratio or 1)
+        timecode, created = _clocks(container)
         wide, high = stream.codec_context.width, stream.codec_context.height
         if wide * high > _LARGEST_PX:
             raise InputError(
@@ -138,8 +142,26 @@ def look_through(path: Path) -> FilmFacts:
     notes += _notes(size, -turned % 360, aspect, fields=fields, flagged=first.interlaced_frame)
     rate_hz = _rate(path, rates, times_us if dates else times_us[:0])
     return FilmFacts(
-        len(shown), size, rate_hz, tuple(notes), dates, keys, turned // 90 % 4, fields, aspect
+        len(shown),
+        size,
+        rate_hz,
+        tuple(notes),
+        dates,
+        keys,
+        turned // 90 % 4,
+        fields,
+        aspect,
+        timecode,
+        created,
     )
+
+
+def _clocks(container: InputContainer) -> tuple[str, str]:
+    """Return the timecode and the time of creation that a file says, empty where it does not."""
+    said: dict[str, str] = {}
+    for metadata in (*(stream.metadata for stream in container.streams), container.metadata):
+        said |= {key.lower(): value for key, value in metadata.items() if value}
+    return said.get("timecode", ""), said.get("creation_time", "")
 
 
 def _date(packet: tuple[int, int | None]) -> int:

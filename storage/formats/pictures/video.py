@@ -67,6 +67,10 @@ class Video:
     """Which lines of a frame are of the earlier moment where frames are combed, else empty."""
     pixel_aspect: float = 1.0
     """How many times as wide as high a pixel is shown, upright."""
+    timecode: str = ""
+    """Of the first frame, by the clock of the camera, where the file says it."""
+    created: str = ""
+    """When the film was made, where the file says it."""
 
 
 def open_video(path: str | Path) -> Video:
@@ -136,7 +140,7 @@ def read_frames(video: Video, start: int, end: int) -> NDArray[np.uint8]:
 
 def read_blocks(
     videos: Sequence[Video], *, block: int = 32, start: int = 0, end: int | None = None,
-    workers: int = 1,
+    firsts: Sequence[int] = (), workers: int = 1,
 ) -> Iterator[tuple[int, list[NDArray[np.uint8]]]]:  # fmt: skip
     """Yield the same frames of several films, a block at a time, each film decoded once.
 
@@ -150,6 +154,8 @@ def read_blocks(
         Frames in a block; the last block may be shorter.
     start, end
         The frames wanted; all that every film has where `end` is not given.
+    firsts
+        The frame of each film that counts as its frame 0, where they did not begin together.
     workers
         Threads that decode side by side, a film each.
 
@@ -172,14 +178,17 @@ def read_blocks(
             f"{len(videos)} films, blocks of {block} and {workers} workers are given; "
             "one of each at least is wanted"
         )
-    shortest = min(video.frames for video in videos)
+    firsts = firsts or (0,) * len(videos)
+    shortest = min(video.frames - n for video, n in zip(videos, firsts, strict=True))
     end = shortest if end is None else end
     if not 0 <= start <= end <= shortest:
         raise ValueError(
             f"frames {start} to {end} are asked of films of which the shortest has {shortest}; "
             "ask for a range within them"
         )
-    sources = [_frames_from(video, start, end) for video in videos]
+    sources = [
+        _frames_from(video, n + start, n + end) for video, n in zip(videos, firsts, strict=True)
+    ]
     try:
         with ThreadPoolExecutor(workers) as pool:
             for first in range(start, end, block):
@@ -215,6 +224,7 @@ def _open_file(path: Path, _state: tuple[int, int, int]) -> Video:
     return Video(
         path, facts.frames, facts.size, facts.rate_hz, facts.notes, facts.dates, facts.keys,
         quarter_turns=facts.quarter_turns, fields=facts.fields, pixel_aspect=facts.pixel_aspect,
+        timecode=facts.timecode, created=facts.created,
     )  # fmt: skip
 
 

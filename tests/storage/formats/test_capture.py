@@ -459,3 +459,32 @@ def test_a_background_grabbed_from_a_player_is_said(folder):
     lines = [line for line in text.splitlines() if not line.startswith("size")]
     (folder / "calibration.toml").write_text("\n".join(lines))
     assert any("bring the background as a film of its own" in fault for fault in faults(folder))
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("offset_s = { cam1 = nan }", "offset_s of camera 'cam1' in capture.toml is nan"),
+        ("offset_s = { cam9 = 0.1 }", "capture.toml has an offset_s of 'cam9', of which there is"),
+        ("offset_s = 0.1", "offset_s = 0.1 under [video] of capture.toml is no table"),
+        ("offset_s = { cam1 = 0.4 }", "camera 'cam1' began 0.4 s later than camera"),
+        ("offset_s = { cam1 = -1 }", "began 1 s later than camera 'cam1', whose film had ended"),
+    ],
+)
+def test_offsets_that_cannot_be_are_named(folder, line, fault):
+    edit(folder, "fps = 30.0", f"fps = 30.0\n{line.replace('cam1', NAMES[0])}")
+    [said] = faults(folder)
+    assert fault.replace("cam1", NAMES[0]) in said
+
+
+def test_a_film_that_began_late_begins_the_take(folder):
+    film(folder / "videos" / f"{NAMES[0]}.mp4", frames=FRAMES - 5)
+    [said] = faults(folder)
+    assert "say by offset_s under [video] when each began, which `shosa doctor` estimates" in said
+    assert read_capture(folder, any_length=True).unequal == said
+    edit(folder, "fps = 30.0", f"fps = 30.0\noffset_s = {{ {NAMES[0]} = {5 / 30:.4f} }}")
+    capture = read_capture(folder)
+    assert capture.first_frames == (0, 5, 5)
+    assert capture.frames == FRAMES - 5
+    assert capture.offsets_s == (pytest.approx(5 / 30, abs=1e-4), 0.0, 0.0)
+    assert capture.unequal == ""

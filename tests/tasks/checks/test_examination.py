@@ -1,5 +1,6 @@
 """`shosa doctor CAPTURE` examines a small filmed capture, and names what was done to it."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -8,9 +9,10 @@ import numpy as np
 import pytest
 
 from flows.command.main import main
-from storage.formats.pictures.video import VIDEO_SUFFIXES
+from storage.formats.pictures.video import VIDEO_SUFFIXES, open_video, read_frames
 from tasks.checks.examination import _names_apart
 from tasks.checks.pictures import draw_silhouette
+from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import (
     FilmSettings,
     RingSettings,
@@ -18,7 +20,9 @@ from tasks.studio.filming import (
     generate_cameras,
     stretch_arms_first,
 )
+from tasks.studio.performances import TK, generate_performance
 from tests.conftest import swaying_body
+from tests.figures.films import write_film
 
 pytestmark = pytest.mark.compiled  # rendering and silhouettes of whole films
 
@@ -59,6 +63,34 @@ def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys,
     assert [each.stem for each in pictures] == [row[0] for row in rows]
     assert cv2.imread(str(pictures[0])).shape == (480, 1280, 3)
     assert sorted(capture.rglob("*")) == before
+
+
+@pytest.mark.slow
+def test_a_late_film_is_named_with_the_line_that_mends_it(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    capture = tmp_path / "okuri"
+    track = generate_performance([okuri48()], TK, rate_hz=15.0).position
+    ring = RingSettings(cameras=5, size=(160, 120), overhead=0)
+    cameras = generate_cameras(ring, center_m=(0.0, 0.9, 0.0), seed=4)
+    film_capture(capture, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.03))
+    film = film_of(capture, 1)
+    frames = read_frames(open_video(film), 3, len(track))
+    film.unlink()
+    write_film(film.with_suffix(".mkv"), frames, "ffv1", pixels="bgr0")
+    assert main(["doctor", str(capture)]) == 3
+    said = capsys.readouterr().out
+    [line] = re.findall(r"write `(offset_s = \{ \S+ = 0\.\d+ \})` under \[video\]", said)
+    assert f"film of camera '{film.stem}' is " in said
+    assert line.startswith(f"offset_s = {{ {film.stem} = 0.")
+    assert 2.7 < 30 * float(line.split()[-2]) < 3.3
+    rows = {row.split()[0]: row.split() for row in said.splitlines()[2:7]}
+    assert float(rows[film.stem][-1]) == pytest.approx(3.0, abs=0.3)
+    toml = capture / "capture.toml"
+    toml.write_text(toml.read_text().replace("[video]", f"[video]\n{line}"))
+    assert main(["doctor", str(capture)]) == 0
+    said = capsys.readouterr().out
+    assert f"note: By offset_s the take begins with frame 0 of '{film.stem}'; frame 3 of" in said
+    assert said.splitlines()[-1] == "ok"
 
 
 @pytest.mark.slow

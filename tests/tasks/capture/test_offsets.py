@@ -1,0 +1,253 @@
+"""How late films began, on silhouettes of balls that move as a body does, drawn by themselves."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tasks.capture.offsets import LIKELY_PX, SURE_PX, find_loss, measure_lateness, reach_of
+from tasks.capture.tangency import (
+    find_outline,
+    find_touches,
+    join_outlines,
+    join_touches,
+    touches_of,
+    usable_touches,
+)
+from tasks.checks.offsets import Passage, Timing, judge_beginnings
+from tasks.geometry.projection import Projection, camera_centers, project_points
+
+pytestmark = pytest.mark.compiled  # whole films are drawn and compared at every lag
+
+FRAMES, SIZE, CAMERAS = 110, (160, 120), 5
+NAMES = [f"cam{n}" for n in range(CAMERAS)]
+BALLS_M = (0.12, 0.10, 0.15, 0.08, 0.08, 0.09)
+
+
+def cameras(*, bent=True):
+    """A ring around (0, 1, 0), lenses a little bent."""
+    poses = []
+    for n in range(CAMERAS):
+        angle = 2.1 * n
+        center = np.array([3.2 * np.cos(angle), 0.9 + 0.35 * (n % 3), 3.2 * np.sin(angle)])
+        ahead = np.array([0.0, 1.0, 0.0]) - center
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross(ahead, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        turn = np.stack([right, np.cross(ahead, right), ahead])
+        poses.append(np.column_stack([turn, -turn @ center]))
+    inner = np.array([[150.0, 0.0, 79.5], [0.0, 150.0, 59.5], [0.0, 0.0, 1.0]])
+    lens = np.tile([-0.1 * bent, 0.02 * bent, 0, 0], (CAMERAS, 1))
+    return Projection(
+        np.stack(poses), np.stack([inner] * CAMERAS), lens, np.array([SIZE] * CAMERAS)
+    )
+
+
+CAMERA = cameras()
+
+
+def body_at(time, *, slow=1.0):
+    """Middles (ball, 3) of balls at a time, in frames: a body that jumps and throws its limbs."""
+    t = np.asarray(time, float) / 30.0 / slow
+    sway = 0.25 * np.sin(2.3 * t + 0.7) + 0.15 * np.sin(5.1 * t)
+    bend = 0.2 * np.sin(3.7 * t) ** 2
+    return np.array(
+        [
+            [sway, 1.55 - bend, 0.2 * np.cos(1.9 * t)],
+            [sway, 1.2 - bend, 0.2 * np.cos(1.9 * t)],
+            [0.8 * sway, 0.9 - 0.7 * bend, 0.2 * np.cos(1.9 * t)],
+            [0.5 * np.cos(4.3 * t), 1.2 + 0.5 * np.sin(4.9 * t), 0.5 * np.sin(4.3 * t)],
+            [-0.4, 1.1 + 0.4 * np.sin(6.1 * t + 1), 0.4 * np.sin(3.1 * t)],
+            [0.3 * np.sin(2.9 * t), 0.2 + 0.15 * np.sin(4.1 * t), -0.3 * np.sin(2.9 * t)],
+        ]
+    )
+
+
+def draw(times):
+    """Packed silhouettes (time, camera, row, column / 8) of the body at each camera's times."""
+    packed = np.zeros((len(times[0]), CAMERAS, SIZE[1], SIZE[0] // 8), np.uint8)
+    for c in range(CAMERAS):
+        for n, time in enumerate(times[c]):
+            pixel, depth = project_points(body_at(time), CAMERA)
+            picture = np.zeros((SIZE[1], SIZE[0]), np.uint8)
+            for (column, row), far, radius in zip(pixel[c], depth[c], BALLS_M, strict=True):
+                if np.isfinite(column):
+                    at = (round(column * 16), round(row * 16))
+                    cv2.circle(picture, at, round(150 * radius / far * 16), 1, -1, shift=4)
+            packed[n, c] = np.packbits(picture, axis=-1)
+    return packed
+
+
+def touches_at(late, *, frames=FRAMES, start=0.0):
+    """What touches the silhouettes of cameras that began so many frames late."""
+    return touches_of(draw([start + np.arange(frames) + each for each in late]), CAMERA)
+
+
+def judge(touches, *, offsets_s=(0.0,) * CAMERAS, unequal="", start=0):
+    timing = Timing(NAMES, 30.0, 1, offsets_s, 0.75)
+    return judge_beginnings([Passage(start, touches)], CAMERA, timing, unequal=unequal)
+
+
+@pytest.fixture(scope="module")
+def together():
+    return touches_at([0.0] * CAMERAS)
+
+
+def cut(touches, chosen):
+    """The planes where each camera shows the frames chosen."""
+    count = min(map(len, chosen))
+    planes = touches.planes[..., :count].copy()
+    for pair, both in zip(touches.pairs, touches.planes, strict=True):
+        number = int(np.flatnonzero((touches.pairs == pair).all(axis=1))[0])
+        for k, camera in enumerate(pair):
+            planes[number, k] = both[k][:, chosen[camera][:count]]
+    return type(touches)(touches.cameras, touches.pairs, planes)
+
+
+def test_the_planes_touch_all_pixels_of_a_silhouette_and_not_only_those_looked_at():
+    """The lowest and highest plane among the rays of every pixel, each turned by itself."""
+    straight = cameras(bent=False)
+    packed = draw([np.array([3.0, 40.0])] * CAMERAS)
+    found = touches_of(packed, straight)
+    bits = np.unpackbits(packed, axis=-1).astype(bool)
+    center = camera_centers(straight)
+    for (one, other), planes in zip(found.pairs, found.planes, strict=True):
+        along = center[other] - center[one]
+        along /= np.linalg.norm(along)
+        ahead = straight.camera_from_world[[one, other], 2, :3].sum(axis=0)
+        ahead -= along * (ahead @ along)
+        ahead /= np.linalg.norm(ahead)
+        for k, camera in enumerate((one, other)):
+            for n in range(2):
+                row, column = np.nonzero(bits[n, camera])
+                seen = np.stack([(column - 79.5) / 150, (row - 59.5) / 150, np.ones(len(row))])
+                rays = seen.T @ straight.camera_from_world[camera, :, :3]
+                angle = np.arctan2(rays @ np.cross(along, ahead), rays @ ahead) * 150 * 320 / 160
+                np.testing.assert_allclose(planes[k, :, n], [angle.min(), angle.max()], atol=1e-3)
+
+
+def test_what_is_cut_off_by_the_border_of_a_picture_and_who_is_not_there_touches_nothing():
+    packed = np.zeros((3, CAMERAS, SIZE[1], SIZE[0] // 8), np.uint8)
+    packed[0, :, 40:60, 8:10] = 255
+    packed[1, :, 0:60, 8:10] = 255
+    found = touches_of(packed, CAMERA)
+    assert np.isfinite(found.planes[..., 0]).all()
+    assert np.isnan(found.planes[..., 1]).any(axis=(0, 1)).any()
+    assert np.isnan(found.planes[..., 2]).all()
+
+
+def test_frames_may_be_looked_at_in_parts(together):
+    packed = draw([np.arange(9.0)] * CAMERAS)
+    parts = [touches_of(packed[:4], CAMERA), touches_of(packed[4:], CAMERA)]
+    np.testing.assert_array_equal(join_touches(parts).planes, together.planes[..., :9])
+    assert np.isnan(join_touches(parts, 3).planes[..., 4:7]).all()
+    outlines = [
+        join_outlines([find_outline(packed[a:b, c], CAMERA, c) for a, b in ((0, 2), (2, 9))])
+        for c in range(CAMERAS)
+    ]
+    joined = find_touches(outlines, CAMERA)
+    np.testing.assert_array_equal(joined.planes, together.planes[..., :9])
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        (0, 0, 0, 0, 0), (1, 0, 0, 0, 0), (0, 0, 3, 0, 0), (0, 0, 0, -8, 0), (0, 5, 0, 0, -2),
+        (0, 0.5, 0, 0, 0),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_films_that_began_late_are_measured_to_a_fifth_of_a_frame(late, together):
+    if all(float(each).is_integer() for each in late):
+        chosen = [np.arange(8 + each, 100 + each) for each in late]
+        touches = cut(together, chosen)
+    else:
+        touches = touches_at(late)
+    found = measure_lateness(usable_touches(touches, CAMERA), 12)
+    assert (found.growth >= SURE_PX).all()
+    np.testing.assert_allclose(found.late, np.array(late, float), atol=0.2)
+
+
+def test_what_is_said_of_late_films_is_the_line_that_mends_them(together):
+    touches = cut(together, [np.arange(each, 95 + each) for each in (0, 3, 0, 0, 1)])
+    said = judge(touches)
+    [fault] = said.faults
+    assert "'cam1' is 3.0 frames (0.1" in fault or "'cam1' is 2.9 frames (0.0" in fault
+    assert f"write `{said.line}` under [video] of capture.toml" in fault
+    assert said.line.startswith("offset_s = { cam1 = 0.")
+    assert "cam4 = 0.0" in said.line
+    # what stands there already is in the line too, and what is left is added to it
+    more = judge(touches, offsets_s=(0.5, 0.2, 0.0, 0.0, 0.0)).line
+    assert "cam0 = 0.5000" in more
+    assert "cam1 = 0.29" in more or "cam1 = 0.30" in more
+
+
+def test_films_that_began_together_raise_no_alarm(together):
+    said = judge(together)
+    assert (said.faults, said.notes, said.line) == ((), (), "")
+    assert np.abs(said.late_frames).max() < 0.2
+    unequal = judge(together, unequal="the videos are of unequal length: x; so cut them")
+    assert unequal.line == "offset_s = { cam0 = 0.0000 }"
+    assert unequal.faults == (
+        "the videos are of unequal length: x; by the silhouettes all films began together: write "
+        "`offset_s = { cam0 = 0.0000 }` under [video] of capture.toml, and the take is cut to the "
+        "moments that all films show",
+    )
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_frames_lost_in_a_film_are_told_with_their_place(frames):
+    whole = touches_at([0.0] * CAMERAS, frames=200)
+    every = np.arange(200)
+    chosen = [every, every, np.delete(every, range(90, 90 + frames)), every, every]
+    said = judge(cut(whole, chosen), start=1000)
+    assert said.loses == (False, False, True, False, False)
+    [fault] = said.faults
+    assert f"camera 'cam2' lost {frames}." in fault or f"lost {frames - 0.1:.1f}" in fault
+    place = int(fault.split("at about frame ")[1].split()[0])
+    assert abs(place - 1090) <= 6
+    twice = [every, every, np.insert(every, 90, [90] * frames), every, every]
+    assert "has twice" in judge(cut(whole, twice)).faults[0]
+
+
+def test_the_place_of_a_loss_is_found_by_trying_each(together):
+    every = np.arange(FRAMES)
+    chosen = [np.delete(every, range(40, 44)), every, every, every, every]
+    late = np.zeros(CAMERAS)
+    assert abs(find_loss(cut(together, chosen), late, 0, 4.0) - 40) <= 3
+
+
+def test_who_stands_still_or_is_filmed_at_another_time_cannot_be_known(together):
+    still = cut(together, [np.full(FRAMES, 30)] * CAMERAS)
+    said = judge(still)
+    assert said.faults == ()
+    assert np.isnan(said.late_frames).all()
+    assert "Whether the films began together cannot be known, as the performer" in said.notes[0]
+    assert "clap or jump" in said.notes[0]
+    assert judge(still, unequal="the videos are of unequal length: x").faults == (
+        "the videos are of unequal length: x",
+    )
+    every = np.arange(FRAMES)
+    backwards = judge(cut(together, [every, every, every[::-1], every, every]))
+    assert backwards.faults == ()
+    assert np.isnan(backwards.late_frames).tolist() == [False, False, True, False, False]
+    assert "film of camera 'cam2' began cannot be known" in backwards.notes[0]
+
+
+def test_too_few_frames_or_cameras_tell_nothing(together):
+    assert judge(together.part(0, 20)).notes == (
+        "Whether the films began together cannot be known from 20 frames.",
+    )
+    assert [reach_of(n, 60) for n in (0, 30, 110, 900)] == [0, 5, 18, 60]
+    alone = Projection(*(getattr(CAMERA, name)[:1] for name in CAMERA.__dataclass_fields__))
+    found = measure_lateness(touches_of(draw([np.arange(30.0)] * CAMERAS)[:, :1], alone), 5)
+    assert (found.late.tolist(), found.growth.tolist()) == ([0.0], [0.0])
+
+
+def test_a_camera_that_sees_nobody_does_not_disturb_the_others():
+    packed = draw([np.arange(80.0) + 2 * (c == 1) for c in range(CAMERAS)])
+    packed[:, 3] = 0
+    said = judge(touches_of(packed, CAMERA))
+    assert np.isnan(said.late_frames[3])
+    assert said.late_frames[1] == pytest.approx(2.0, abs=0.2)
+    assert "camera 'cam3' began cannot be known" in said.notes[0]
+    assert LIKELY_PX < SURE_PX

@@ -17,7 +17,7 @@ from storage.blocks import Block, read_block
 from storage.errors import InputError
 from storage.formats.capture.capture import capture_of
 from storage.formats.reading import listed
-from tasks.capture.films import grid_of, largest_image, projection_of
+from tasks.capture.films import compared_frames, grid_of, largest_image, projection_of
 from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
 from tasks.checks.consistency import (
     Consistency,
@@ -32,9 +32,6 @@ from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ran
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
 
-_FRAMES_LOOKED_AT = 8
-"""How many frames of a take are compared. Chosen, not measured: all poses differ, and a second of
-work at most."""
 _FILMED = 0.1
 """Of how much of the hull a camera that sees nobody must film the place to be a fault [share].
 Chosen, not measured."""
@@ -398,7 +395,7 @@ def check_take(
     """
     source = capture_of(capture, digest)
     place = open_archive(archive).place
-    chosen = np.unique(np.linspace(0, source.frames - 1, _FRAMES_LOOKED_AT).round().astype(int))
+    chosen = np.array(compared_frames(source.frames))
     _, columns = largest_image(source.cameras)
     packed = [
         read_block(place, block, ["silhouette"])["silhouette"][inside - block.start]

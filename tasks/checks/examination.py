@@ -13,7 +13,8 @@ from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.video import Video, open_video, read_blocks
 from tasks.capture.backgrounds import Background, measure_gain, smooth
-from tasks.capture.films import grid_of, of_camera, projection_of, read_backgrounds
+from tasks.capture.empty_stages import read_backgrounds
+from tasks.capture.films import grid_of, of_camera, projection_of
 from tasks.checks.agreement import Agreement, check_agreement
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
 from tasks.reconstruction.silhouettes import extract_silhouettes

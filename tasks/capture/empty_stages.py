@@ -90,7 +90,9 @@ def read_backgrounds(
     ]
 
 
-def unsure_notes(cameras: Sequence[Camera], sure: Sequence[float], key: str) -> list[str]:
+def unsure_notes(
+    cameras: Sequence[Camera], sure: Sequence[float], *, before_screen: bool
+) -> list[str]:
     """Return how sure backgrounds are that were found in films, as a sentence.
 
     Parameters
@@ -99,14 +101,10 @@ def unsure_notes(cameras: Sequence[Camera], sure: Sequence[float], key: str) -> 
         Of a capture.
     sure
         Of each, the share of the picture in which its background is no guess.
-    key
-        As of the settings of silhouettes.
+    before_screen
+        Whether they were found by the color of a screen.
     """
-    why = (
-        "the screen is never seen"
-        if key
-        else "nothing is seen clearly more often than all else: the performer stays there for long"
-    )
+    why = "the screen is never seen" if before_screen else "the performer never leaves"
     unsure = [
         f"{camera.name} {1 - share:.0%}"
         for camera, share in zip(cameras, sure, strict=True)

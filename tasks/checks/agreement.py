@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import Block, read_block
+from storage.blocks import Block
 from storage.errors import InputError
 from storage.formats.capture.capture import capture_of
 from storage.formats.reading import listed
-from tasks.capture.films import compared_frames, grid_of, largest_image, projection_of
+from tasks.capture.films import grid_of, projection_of
+from tasks.checks.bodies import judge_bodies
 from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
+from tasks.checks.compared import read_silhouettes
 from tasks.checks.consistency import (
     Consistency,
     find_exchanged,
@@ -28,6 +30,7 @@ from tasks.checks.consistency import (
     share_explained,
     share_overlapped,
 )
+from tasks.checks.telling import By, all_faults, blind_why, filled_fault, judge_telling
 from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
@@ -109,6 +112,7 @@ class _Case:
     grid: VoxelGrid
     names: Sequence[str]
     settings: AgreementSettings
+    by: By
 
     @property
     def frames(self) -> int:
@@ -127,6 +131,7 @@ def check_agreement(
     grid: VoxelGrid,
     names: Sequence[str],
     settings: AgreementSettings = AgreementSettings(),
+    by: By = "background",
 ) -> Agreement:
     """Compare the silhouettes of a few frames with each other, the cameras and the volume.
 
@@ -142,6 +147,8 @@ def check_agreement(
         What the cameras are called.
     settings
         What is still agreement.
+    by
+        What told the performer from the stage; what is to be done depends on it.
 
     Returns
     -------
@@ -159,13 +166,13 @@ def check_agreement(
     nothing = Agreement((), (), share.mean(axis=0), unknown, unknown, tuple(range(len(share))))
     filled = np.median(share, axis=0) > settings.most_of_picture
     usable = tuple(int(c) for c in np.flatnonzero(share.any(axis=0) & ~filled))
-    faults = [_filled_fault(names[c], share[:, c]) for c in map(int, np.flatnonzero(filled))]
+    faults = [filled_fault(names[c], share[:, c], by) for c in map(int, np.flatnonzero(filled))]
     blind = [int(c) for c in np.flatnonzero(~share.any(axis=0))]
     if len(usable) < settings.min_cameras:
-        said = _too_few_fault([names[c] for c in blind], len(usable), settings)
+        said = _too_few_fault([names[c] for c in blind], len(usable), settings, by)
         return replace(nothing, faults=(*faults, said))
     consistency = measure_consistency(silhouettes, projection, grid, usable, settings.min_cameras)
-    case = _Case(consistency, grid, names, settings)
+    case = _Case(consistency, grid, names, settings, by)
     notes: list[str] = []
     _judge_blind(case, blind, faults, notes)
     explained, overlap = unknown.copy(), unknown.copy()
@@ -176,6 +183,7 @@ def check_agreement(
     empty = _empty_frames(case)
     if trusted:
         _judge_volume(case, trusted, faults, notes)
+        _judge_bodies(case, trusted, faults, notes)
     if not faults and empty:
         _judge_hulls(share, empty, faults, notes)
     return Agreement(
@@ -216,8 +224,7 @@ def _judge_blind(case: _Case, blind: Sequence[int], faults: list[str], notes: li
     if should:
         faults.append(
             f"camera {listed(should)} sees nobody in any of the {case.frames} frames looked "
-            "at, although the others do: its film or its background is of something else, or its "
-            "background was filmed with the performer in it"
+            f"at, although the others do: {blind_why(case.by)}"
         )
     if need_not:
         notes.append(
@@ -345,6 +352,15 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         notes.append(f"{said}.")
 
 
+def _judge_bodies(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
+    """Say whether what is carved in the volume can be one performer."""
+    hulls = [v.points[case.consistency.hull(v, trusted)] for v in case.consistency.voxels]
+    inside = [hull[is_inside(hull, case.grid)] for hull in hulls]
+    wrong, known = judge_bodies(inside, case.consistency.scene.voxel_m, case.by)
+    faults += wrong
+    notes += known
+
+
 def _judge_hulls(
     share: NDArray[np.float64], empty: Sequence[int], faults: list[str], notes: list[str]
 ) -> None:
@@ -358,24 +374,18 @@ def _judge_hulls(
         notes.append(f"N{said}; they are stored as empty.")
 
 
-def _filled_fault(name: str, share: NDArray[np.float64]) -> str:
-    return (
-        f"the silhouette of camera {name!r} is {np.median(share):.0%} of its picture: its "
-        "background is of another scene, exposure or camera; film it again with the same settings"
-    )
-
-
-def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings) -> str:
+def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings, by: By) -> str:
     seen = f"camera {listed(blind)} sees nobody" if blind else "the others cannot be used"
     return (
         f"{seen} in any of the frames looked at, and {usable} cameras are left, where at least "
-        f"{settings.min_cameras} are wanted: look at the films and backgrounds"
+        f"{settings.min_cameras} are wanted: look at the films and {by}s"
     )
 
 
 def check_take(
-    archive: str, capture: str, digest: str, blocks: Sequence[Block], settings: AgreementSettings
-) -> list[str]:
+    archive: str, capture: str, digest: str, blocks: Sequence[Block], settings: AgreementSettings,
+    by: By,
+) -> list[str]:  # fmt: skip
     """Compare the silhouettes of a few frames of a take with each other; return what to note.
 
     Parameters
@@ -387,6 +397,8 @@ def check_take(
         What `extract_block` wrote, in the order of the frames.
     settings
         What is still agreement.
+    by
+        What told the performer from the stage.
 
     Raises
     ------
@@ -394,21 +406,14 @@ def check_take(
         If the silhouettes cannot be of one performer in the volume: all that is wrong.
     """
     source = capture_of(capture, digest)
-    place = open_archive(archive).place
-    chosen = np.array(compared_frames(source.frames))
-    _, columns = largest_image(source.cameras)
-    packed = [
-        read_block(place, block, ["silhouette"])["silhouette"][inside - block.start]
-        for block in blocks
-        if len(inside := chosen[(chosen >= block.start) & (chosen < block.end)])
-    ]
-    silhouettes = np.unpackbits(np.concatenate(packed), axis=-1, count=columns).astype(np.bool_)
+    silhouettes, telling = read_silhouettes(open_archive(archive), source, blocks, by)
     names = [camera.name for camera in source.cameras]
+    wrong, known = judge_telling(telling, source, silhouettes)
     found = check_agreement(
-        silhouettes, projection_of(source.cameras), grid_of(source), names, settings
+        silhouettes, projection_of(source.cameras), grid_of(source), names, settings, by
     )
-    if found.faults:
-        faults = "\n".join(f"- {fault}" for fault in found.faults)
-        notes = "".join(f"\n- {note}" for note in found.notes)
-        raise InputError(f"{capture} cannot be digitized:\n{faults}{notes}")
-    return list(found.notes)
+    if faults := all_faults(telling, wrong, found.faults):
+        said = "\n".join(f"- {fault}" for fault in faults)
+        notes = "".join(f"\n- {note}" for note in (*known, *found.notes))
+        raise InputError(f"{capture} cannot be digitized:\n{said}{notes}")
+    return [*known, *found.notes]

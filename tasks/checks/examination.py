@@ -2,7 +2,7 @@
 
 import unicodedata
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.video import Video, open_video, read_blocks
-from tasks.capture.backgrounds import Background, measure_gain, smooth
-from tasks.capture.empty_stages import read_backgrounds
 from tasks.capture.films import grid_of, of_camera, projection_of
-from tasks.checks.agreement import Agreement, check_agreement
+from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
+from tasks.checks.compared import Compared, see_silhouettes
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
-from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.checks.telling import all_faults, judge_telling
+from tasks.reconstruction.silhouettes import SilhouetteSettings
 
 _LOOKED_AT = 8
 """Frames of a take."""
@@ -27,6 +27,13 @@ _BLOCK = 16
 """Frames that are decoded at a time. Few, so that films of any size fit into memory."""
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
+
+SettingsOf = Callable[[Path], tuple[SilhouetteSettings, AgreementSettings]]
+"""Reads the settings of a capture."""
+
+
+def _usual_settings(_: Path) -> tuple[SilhouetteSettings, AgreementSettings]:
+    return SilhouetteSettings(), AgreementSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +53,7 @@ def examine_captures(
     into: Path | None,
     report: Callable[[str], None],
     say: Callable[[str], None],
+    settings_of: SettingsOf = _usual_settings,
 ) -> bool:
     """Examine captures one after another, and return whether all are good.
 
@@ -57,6 +65,8 @@ def examine_captures(
         As for `examine_capture`; of several captures each has a folder of its own there.
     report, say
         Called with each line of a report, and with what is wrong with files.
+    settings_of
+        How silhouettes are found in a capture, and what is agreement.
     """
     good = True
     names = _names_apart([Path(folder).resolve() for folder in folders])
@@ -65,7 +75,7 @@ def examine_captures(
         if into:
             own = into / name if len(folders) > 1 else into
         try:
-            found = examine_capture(folder, own)
+            found = examine_capture(folder, own, settings_of)
         except InputError as error:
             say(f"shosa: {error}")
             good = False
@@ -96,7 +106,11 @@ def _alike(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def examine_capture(folder: Path, into: Path | None = None) -> Examination:
+def examine_capture(
+    folder: Path,
+    into: Path | None = None,
+    settings_of: SettingsOf = _usual_settings,
+) -> Examination:
     """Examine a capture, and draw what its cameras see.
 
     Parameters
@@ -107,34 +121,39 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
         The folder for the pictures: the volume and the floor over each background, and the
         silhouette over a frame of each film. By default `<name of the capture>-doctor` in the
         working directory.
+    settings_of
+        How silhouettes are found in a capture, and what is agreement.
 
     Raises
     ------
     InputError
         With all that is wrong with the files, a line each; or a film, named by its camera,
-        cannot be decoded to its end.
+        cannot be decoded to its end, or nothing tells the performer from the stage.
     """
     capture = read_capture(folder)
+    silhouettes, agreement = settings_of(folder)
     into = into or Path(f"{folder.resolve().name}-doctor")
     if into.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{into} is within the capture, which is left as it is; choose another")
-    backgrounds = read_backgrounds(capture)
-    frames = _sampled_frames(capture)
-    silhouettes, gains = _silhouettes(frames, backgrounds)
+    frames, numbers = _sampled_frames(capture)
+    seen = see_silhouettes(capture, frames, numbers, silhouettes)
     names = [camera.name for camera in capture.cameras]
-    agreement = check_agreement(
-        silhouettes, projection_of(capture.cameras), grid_of(capture), names
-    )
-    notes = _gain_notes(names, gains)
+    faults, notes = judge_telling(seen.telling, capture, seen.silhouettes)
+    found = check_agreement(
+        seen.silhouettes, projection_of(capture.cameras), grid_of(capture), names, agreement,
+        seen.telling.by,
+    )  # fmt: skip
+    notes += [*found.notes, *_gain_notes(names, seen.gains)]
+    found = replace(found, faults=all_faults(seen.telling, faults, found.faults))
     pictures, unwritten = (), ""
     try:
-        pictures = _draw(capture, frames, silhouettes, into)
+        pictures = _draw(capture, frames, seen, into)
     except OSError as error:
         unwritten = (
             f"the pictures cannot be written into {into} ({error.strerror or error}); name a "
             "folder that can be written by --out"
         )
-    return Examination(capture, agreement, (*agreement.notes, *notes), pictures, unwritten)
+    return Examination(capture, found, tuple(notes), pictures, unwritten)
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -167,18 +186,19 @@ def _share(share: float) -> str:
     return "-" if np.isnan(share) else f"{share:.0%}"
 
 
-def _sampled_frames(capture: Capture) -> list[NDArray[np.uint8]]:
-    """Return a few frames (time, row, column, 3) of each camera, decoding each film once."""
+def _sampled_frames(capture: Capture) -> tuple[list[NDArray[np.uint8]], list[int]]:
+    """Return a few frames (time, row, column, 3) of each camera, and which, each film read once."""
     videos = [
         of_camera(camera, lambda path=path: open_video(path))
         for camera, path in zip(capture.cameras, capture.videos, strict=True)
     ]
     end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
     chosen = set(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int).tolist())
-    return [
+    frames = [
         of_camera(camera, lambda video=video: _chosen(video, chosen, end))
         for camera, video in zip(capture.cameras, videos, strict=True)
     ]
+    return frames, sorted(chosen)
 
 
 def _chosen(video: Video, chosen: set[int], end: int) -> NDArray[np.uint8]:
@@ -187,19 +207,6 @@ def _chosen(video: Video, chosen: set[int], end: int) -> NDArray[np.uint8]:
     for start, (frames,) in read_blocks([video], block=_BLOCK, end=end):
         found += [frame.copy() for n, frame in enumerate(frames, start) if n in chosen]
     return np.stack(found)
-
-
-def _silhouettes(
-    frames: Sequence[NDArray[np.uint8]], backgrounds: Sequence[Background]
-) -> tuple[NDArray[np.bool_], list[float]]:
-    """Return (time, camera, row, column) silhouettes, and how bright each film is."""
-    rows, columns = (max(each.shape[axis] for each in frames) for axis in (1, 2))
-    silhouettes = np.zeros((len(frames[0]), len(frames), rows, columns), np.bool_)
-    gains = []
-    for n, (each, background) in enumerate(zip(frames, backgrounds, strict=True)):
-        silhouettes[:, n, : each.shape[1], : each.shape[2]] = extract_silhouettes(each, background)
-        gains.append(float(np.median([measure_gain(smooth(f), background) for f in each])))
-    return silhouettes, gains
 
 
 def _gain_notes(names: Sequence[str], gains: Sequence[float]) -> tuple[str, ...]:
@@ -215,19 +222,20 @@ def _gain_notes(names: Sequence[str], gains: Sequence[float]) -> tuple[str, ...]
 def _draw(
     capture: Capture,
     frames: Sequence[NDArray[np.uint8]],
-    silhouettes: NDArray[np.bool_],
+    seen: Compared,
     into: Path,
 ) -> tuple[Path, ...]:
     """Write two pictures a camera side by side, and return where."""
     into.mkdir(parents=True, exist_ok=True)
-    middle = len(silhouettes) // 2
+    middle = len(seen.silhouettes) // 2
+    how = "given" if seen.telling.by == "mask" else "found"
     written = []
-    for n, (name, check) in enumerate(draw_capture_checks(capture).items()):
+    for n, (name, check) in enumerate(draw_capture_checks(capture, behind=seen.behind).items()):
         frame = frames[n][middle]
         silhouette = np.ascontiguousarray(
-            silhouettes[middle, n, : frame.shape[0], : frame.shape[1]]
+            seen.silhouettes[middle, n, : frame.shape[0], : frame.shape[1]]
         )
-        beside = draw_silhouette(frame, silhouette, title=f"{name}: the silhouette found")
+        beside = draw_silhouette(frame, silhouette, title=f"{name}: the silhouette {how}")
         path = into / f"{name}.png"
         _write_picture(path, np.concatenate([check, beside], axis=1))
         written.append(path)

@@ -110,13 +110,12 @@ def unsure_notes(
         for camera, share in zip(cameras, sure, strict=True)
         if 1 - share > _MOST_UNSURE
     ]
-    said = (
-        f"The backgrounds were found in the films, and are sure in {min(sure):.0%} or more of each "
-        "picture"
-    )
+    said = "The backgrounds were found in the films"
     if not unsure:
-        return [f"{said}."]
-    return [f"{said}; they are a guess in {', '.join(unsure)}, where {why}."]
+        return [f"{said}, and are sure in {min(sure):.1%} of a picture at least."]
+    return [
+        f"{said}; they are a guess in this much of a picture: {', '.join(unsure)}, where {why}."
+    ]
 
 
 @lru_cache(maxsize=16)  # the cameras of a take, or of two: each holds 16 bytes a pixel

@@ -26,13 +26,13 @@ and what is left of flicker stay below; chosen by eye on the shared captures."""
 _MOST_GROUPS = 12
 """How many groups of colors a pixel may have [groups]. More are counted with none."""
 
-_KEPT = 4
+KEPT = 4
 """How many of the largest groups may be the stage [groups]. Chosen by eye; not measured."""
 
 _LEAST_SEEN = 0.08
 """In how many of the frames the stage is seen at a pixel at least [share]. 4 of 48 frames."""
 
-_ALONE = 0.9
+ALONE = 0.9
 """In how many of the frames a color is seen where nobody comes [share]. Not all: of noise and what
 passes something is left."""
 
@@ -59,9 +59,28 @@ def estimate_background(images: NDArray[np.uint8]) -> Background:
         `sure` is the share of the picture in which the stage was seen.
     """
     smooth_alike(images)
-    color, noise, seen = find_groups(images, np.ones(images.shape[:3], np.bool_), _KEPT)
-    chosen = np.full(seen.shape[1:], -1, np.int64)
-    chosen[_seeds(seen)] = 0
+    color, noise, seen = find_groups(images, np.ones(images.shape[:3], np.bool_), KEPT)
+    return follow_stage(images, (color, noise, seen), _seeds(seen))
+
+
+def follow_stage(
+    images: NDArray[np.uint8],
+    groups: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    seeds: NDArray[np.bool_],
+) -> Background:
+    """Return the background that is found from where the stage is known.
+
+    Parameters
+    ----------
+    images : (image, row, column, 3) uint8
+        Smoothed, of one brightness.
+    groups
+        What `find_groups` found of them.
+    seeds : (row, column) bool
+        Where the first group is the stage.
+    """
+    color, noise, seen = groups
+    chosen = np.where(seeds, 0, -1)
     _follow(color, seen, chosen)
     at = np.maximum(chosen, 0)[None]
     found = np.take_along_axis(color, at[..., None], axis=0)[0]
@@ -158,7 +177,7 @@ def _seeds(seen: NDArray[np.float32]) -> NDArray[np.bool_]:
 
     A performer who never leaves a place is not reached from there.
     """
-    alone = (seen[0] >= _ALONE).view(np.uint8)
+    alone = (seen[0] >= ALONE).view(np.uint8)
     return touches_border(alone) if touches_border(alone).any() else np.ones_like(alone, np.bool_)
 
 
@@ -221,9 +240,9 @@ def _nearest(color: Any, seen: Any, chosen: Any, place: Any) -> Any:
                     total[k] += color[chosen[y, x], y, x, k]
     if count == 0:
         return np.inf, -1
-    least, nearest = np.inf, 0
+    least, nearest = np.inf, -1
     for g in range(len(color)):
-        if g == 0 or seen[g, i, j] >= _LEAST_SEEN:
+        if seen[g, i, j] >= _LEAST_SEEN:
             away = 0.0
             for k in range(3):
                 away = max(away, abs(color[g, i, j, k] - total[k] / count))

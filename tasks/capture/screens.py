@@ -7,6 +7,7 @@ as it is; or always the performer, before a screen like that around him.
 """
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -14,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.capture.backgrounds import Background
-from tasks.capture.estimating import fill, find_groups, smooth_alike, touches_border
+from tasks.capture.estimating import (
+    ALONE,
+    KEPT,
+    find_groups,
+    follow_stage,
+    smooth_alike,
+    touches_border,
+)
 
 AUTO = "auto"
 """The key that is found in the film."""
@@ -43,11 +51,9 @@ _SCREENS = (75.0, 260.0)
 _LEAST_SCREEN = 0.05
 """How much of a picture the screen covers at least [share]. Chosen, not measured."""
 
-_LEAST_SEEN = 2
-"""In how many frames the screen has to be seen at a pixel [frames]. One may be a seam of colors."""
-
-_STILL = 0.8
-"""In how many frames a pixel without screen has one color where nobody moves [share]."""
+_SELDOM = 0.04
+"""In how many of the frames the hue of the screen is seen where there is none, at most [share]. A
+seam of colors may pass."""
 
 
 class NoScreenError(ValueError):
@@ -89,23 +95,20 @@ def estimate_screen(images: NDArray[np.uint8], key: str) -> Background:
             f"only {share:.0%} of its film has the hue of the key color {_name(wanted)}; the most "
             f"frequent color with a hue is {_name(_most_frequent_hue(images, (0.0, 360.0))[0])}"
         )
-    [color], [noise], _ = find_groups(images, is_screen)
-    known = is_screen.sum(axis=0) >= _LEAST_SEEN
-    beside = _beside_screen(images, known)
+    color, noise, seen = find_groups(images, is_screen, KEPT)
+    beside = _beside_screen(images, is_screen)
     if beside.any():
         [plain], [its_noise], _ = find_groups(images, np.ones_like(is_screen))
-        color[beside], noise[beside] = plain[beside], its_noise[beside]
-    sure = known | beside
-    color = fill(color, sure)
-    usual = float(np.median(noise[sure]))
-    noise = np.where(sure, np.maximum(noise, usual), usual).astype(np.float32)
-    return Background(color, noise, float(sure.mean()), _name(wanted))
+        color[0][beside], noise[0][beside] = plain[beside], its_noise[beside]
+    found = follow_stage(images, (color, noise, seen), beside | (seen[0] >= ALONE))
+    return replace(found, key=_name(wanted))
 
 
-def _beside_screen(images: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _beside_screen(images: NDArray[np.uint8], is_screen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the pixels where there is no screen: they reach the border, and do not change."""
     _, _, [seen] = find_groups(images, np.ones(images.shape[:3], np.bool_))
-    return touches_border((~known & (seen >= _STILL)).view(np.uint8))
+    seldom = is_screen.mean(axis=0) <= _SELDOM
+    return touches_border((seldom & (seen >= ALONE)).view(np.uint8))
 
 
 def _find_key(images: NDArray[np.uint8]) -> NDArray[np.float64]:

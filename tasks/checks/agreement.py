@@ -376,9 +376,10 @@ def _judge_hulls(
 
 def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings, by: By) -> str:
     seen = f"camera {listed(blind)} sees nobody" if blind else "the others cannot be used"
+    why = blind_why(by) if blind else "look at what the pictures of `shosa doctor` show"
     return (
         f"{seen} in any of the frames looked at, and {usable} cameras are left, where at least "
-        f"{settings.min_cameras} are wanted: look at the films and {by}s"
+        f"{settings.min_cameras} are wanted: {why}"
     )
 
 

@@ -18,6 +18,7 @@ from storage.places import list_files
 from storage.publication import collect_garbage, verify_take, version_folder
 from storage.schema import JOINTS
 from tasks.capture import films as capture_films
+from tasks.capture.empty_stages import read_backgrounds
 from tasks.exporting.voxels import export_initial
 from tasks.geometry.voxels import decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
@@ -106,7 +107,7 @@ def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, ca
     take = open_archive(tmp_path / "archive").take("dancer")
     assert "motion" not in take.record.stages
     source = read_capture(capture)
-    backgrounds = capture_films.read_backgrounds(source)
+    backgrounds = read_backgrounds(source)
     [*parts] = capture_films.read_films(source, 0, FRAMES)
     films = [np.concatenate([films[c] for _, films in parts]) for c in range(5)]
     silhouettes = np.stack(

@@ -188,7 +188,12 @@ def test_nothing_or_two_things_that_tell_are_refused(masks, backgrounds, backgro
 
 @pytest.mark.parametrize(
     ("masks", "backgrounds", "background", "key"),
-    [((1,), (), "given", ""), ((), (1,), "given", ""), ((), (), "film", ""), ((), (1,), "", "auto")],
+    [
+        ((1,), (), "given", ""),
+        ((), (1,), "given", ""),
+        ((), (), "film", ""),
+        ((), (1,), "", "auto"),
+    ],
 )
 def test_one_thing_that_tells_is_enough(masks, backgrounds, background, key):
     check_telling(capture_of(None, masks=masks, backgrounds=backgrounds), background, key)

@@ -156,7 +156,8 @@ def test_half_of_a_soft_edge_is_inside():
 
 def body_at(x, *, size=(0.3, 1.6, 0.2), voxel_m=0.04):
     axes = [np.arange(0, side, voxel_m) for side in size]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + [x, 0.0, 0.0]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return points + np.array([x, 0.0, 0.0])
 
 
 def test_two_bodies_are_a_fault_of_masks_and_a_note_of_films():

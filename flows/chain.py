@@ -20,6 +20,7 @@ from tasks.body.pose_fitting import fit_take
 from tasks.body.provisional_labeling import label_block_provisionally
 from tasks.capture.films import block_ranges
 from tasks.checks.agreement import check_take
+from tasks.checks.telling import told_by
 from tasks.engine.progress import listening
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
@@ -86,7 +87,8 @@ def make_voxels(
 ) -> tuple[Blocks, list[str]]:  # fmt: skip
     """Run the stages from the films to colored voxels; as `digitize`."""
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
-    ranges = block_ranges(capture_of(recording.path, recording.digest))
+    source = capture_of(recording.path, recording.digest)
+    ranges = block_ranges(source)
 
     def run_all(
         function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]]
@@ -106,7 +108,8 @@ def make_voxels(
         extract_block, "silhouettes",
         [{"start": a, "end": b, "settings": settings.silhouettes} for a, b in ranges],
     )  # fmt: skip
-    notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement)
+    by = told_by(source, settings.silhouettes.background, settings.silhouettes.key)
+    notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement, by=by)
     hulls = run_all(
         carve_block, "carving",
         [{"silhouettes": film, "settings": settings.carving} for film in _blocks(films)],

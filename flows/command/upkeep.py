@@ -3,7 +3,7 @@
 import argparse
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flows.command import printing
 from flows.command.calibrating import add_calibrate_options, calibrate
@@ -12,6 +12,11 @@ from flows.command.options import UsageError, check_hours
 from flows.command.preparing import prepare_prefect
 from flows.command.terminal import bars, work_bar
 from storage import open_archive
+from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
+
+if TYPE_CHECKING:
+    from tasks.checks.agreement import AgreementSettings
+    from tasks.reconstruction.silhouettes import SilhouetteSettings
 
 
 def add_upkeep(commands: Any, make: Any) -> None:
@@ -83,6 +88,14 @@ def _calibrate(options: argparse.Namespace) -> int:
     return DONE if calibrate(options) else BAD_INPUT
 
 
+def _capture_settings(folder: Path) -> "tuple[SilhouetteSettings, AgreementSettings]":
+    """Return how silhouettes are found in a capture and compared, by its `digitize.toml`."""
+    from tasks.settings import read_settings
+
+    chosen = read_settings(read_capture_settings(folder), f"{folder}/{SETTINGS_FILE}")
+    return chosen.silhouettes, chosen.agreement
+
+
 def _doctor(options: argparse.Namespace) -> int:
     if options.out is not None and not options.captures:
         raise UsageError("--out is for pictures of captures; name a capture, or leave it out")
@@ -91,7 +104,7 @@ def _doctor(options: argparse.Namespace) -> int:
 
         into = Path(options.out) if options.out else None
         good = examine_captures(
-            options.captures, into, printing.print_line, printing.say,
+            options.captures, into, printing.print_line, printing.say, _capture_settings,
             watch=lambda name: work_bar(name, quiet=options.quiet),
         )  # fmt: skip
         return DONE if good else BAD_INPUT

@@ -65,6 +65,10 @@ class Background:
     """(row, column, 3), RGB 0-255, smoothed as `smooth` does."""
     noise: NDArray[np.float32]
     """(row, column), standard deviation of a smoothed channel, in levels."""
+    sure: float = 1.0
+    """Share of the picture in which it is no guess."""
+    key: str = ""
+    """The color of the screen that it was found by, where it was."""
 
     @cached_property
     def brightness(self) -> NDArray[np.float32]:

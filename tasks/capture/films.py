@@ -1,11 +1,10 @@
-"""Read of a capture what stages need: cameras as arrays, backgrounds, and blocks of films.
+"""Read of a capture what stages need: cameras as arrays, and blocks of films and masks.
 
 No stage and no arithmetic: the part of a store function that several stages share.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,18 +14,12 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import Capture
-from storage.formats.capture.footage import read_picture
-from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_blocks, read_frames
-from tasks.capture.backgrounds import Background, make_background
+from storage.formats.pictures.video import Video, open_masks, open_video, read_blocks
 from tasks.engine.threads import THREADS
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, volume_grid
 
 _Item = TypeVar("_Item")
-
-_BACKGROUND_FRAMES = 25
-"""How many frames of a film make a background [frames]. A median of 25 leaves out who walks
-through; chosen by eye, not measured."""
 
 _BLOCK_FRAMES = 150
 """How many frames a block of a take has at most [frames]. It takes some seconds to compute."""
@@ -44,6 +37,10 @@ such blocks are in memory."""
 
 _MOST_AT_ONCE = 16
 """How many frames are decoded at a time at most [frames]. Chosen by eye; not measured."""
+
+_COMPARED_FRAMES = 8
+"""How many frames of a take are compared. Chosen, not measured: all poses differ, and a second of
+work at most."""
 
 _COEFFICIENTS = 8
 """How many numbers describe a lens [numbers]. They are OpenCV's k1, k2, p1, p2, k3, k4, k5, k6."""
@@ -82,20 +79,17 @@ def block_ranges(capture: Capture) -> list[tuple[int, int]]:
     return [(n, min(n + length, capture.frames)) for n in range(0, capture.frames, length)]
 
 
+def compared_frames(frames: int) -> list[int]:
+    """Return the frames of a take in which the cameras' silhouettes are compared."""
+    return sorted({round(n) for n in np.linspace(0, frames - 1, _COMPARED_FRAMES).tolist()})
+
+
 def of_camera(camera: Camera, read: Callable[[], Any]) -> Any:
     """Read something of a camera; what is wrong with it is said with the camera's name."""
     try:
         return read()
     except InputError as error:
         raise InputError(f"camera {camera.name!r}: {error}") from error
-
-
-def read_backgrounds(capture: Capture) -> list[Background]:
-    """Return the background of each camera, from a picture or from frames all over a film."""
-    return [
-        of_camera(camera, lambda path=path: _read_background(path))
-        for camera, path in zip(capture.cameras, capture.backgrounds, strict=True)
-    ]
 
 
 def read_films(
@@ -118,9 +112,45 @@ def read_films(
     InputError
         If a film cannot be read to `end`; its camera is named.
     """
+    yield from _read_blocks(capture, capture.videos, open_video, start, end)
+
+
+def read_films_and_masks(
+    capture: Capture, start: int, end: int
+) -> Iterator[tuple[int, list[NDArray[np.uint8]], list[NDArray[np.uint8]]]]:
+    """Yield what `read_films` does, and the masks of the same frames where there are any.
+
+    Yields
+    ------
+    start : int
+        The first frame.
+    frames : list of (time, row, column, 3) uint8
+        RGB, an array a camera.
+    masks : list of (time, row, column) uint8
+        How much each pixel is the performer, 255 wholly, an array a camera; empty where the capture
+        has no masks.
+
+    Raises
+    ------
+    InputError
+        If films or masks cannot be read to `end`; their camera is named.
+    """
+    films = read_films(capture, start, end)
+    if not capture.masks:
+        yield from ((first, frames, []) for first, frames in films)
+        return
+    masks = _read_blocks(capture, capture.masks, open_masks, start, end)
+    for (first, frames), (_, of_frames) in zip(films, masks, strict=True):
+        yield first, frames, of_frames
+
+
+def _read_blocks(
+    capture: Capture, paths: Sequence[Path], look: Callable[[Path], Video], start: int, end: int
+) -> Iterator[tuple[int, list[NDArray[np.uint8]]]]:
+    """Yield the frames of a film a camera, as many at a time as the cameras' images allow."""
     videos = [
-        of_camera(camera, lambda path=path: open_video(path))
-        for camera, path in zip(capture.cameras, capture.videos, strict=True)
+        of_camera(camera, lambda path=path: look(path))
+        for camera, path in zip(capture.cameras, paths, strict=True)
     ]
     frame_bytes = sum(3 * camera.width * camera.height for camera in capture.cameras)
     block = max(1, min(_MOST_AT_ONCE, _HELD_BYTES // frame_bytes))
@@ -138,27 +168,3 @@ def _one_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
         while (item := waiting.result()) is not None:
             waiting = pool.submit(next, items, None)
             yield item
-
-
-def _read_background(path: Path) -> Background:
-    """Return the background of a camera, from a picture or from frames all over a film.
-
-    It is kept for the blocks that follow; a folder does not tell when its pictures change.
-    """
-    if not path.is_file():
-        return _make_background(path)
-    about = path.stat()
-    return _keep_background(path, (about.st_ino, about.st_size, about.st_mtime_ns))
-
-
-@lru_cache(maxsize=16)  # the cameras of a take, or of two: each holds 16 bytes a pixel
-def _keep_background(path: Path, _: tuple[int, int, int]) -> Background:
-    return _make_background(path)
-
-
-def _make_background(path: Path) -> Background:
-    if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
-        return make_background(read_picture(path)[None])
-    video = open_video(path)
-    chosen = np.unique(np.linspace(0, video.frames - 1, _BACKGROUND_FRAMES).round().astype(int))
-    return make_background(np.concatenate([read_frames(video, int(n), int(n) + 1) for n in chosen]))

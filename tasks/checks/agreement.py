@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.blocks import Block, read_block
+from storage.blocks import Block
 from storage.errors import InputError
 from storage.formats.capture.capture import capture_of
 from storage.formats.reading import listed
-from tasks.capture.films import grid_of, largest_image, projection_of
-from tasks.capture.tangency import join_touches, touches_of
+from tasks.capture.films import grid_of, projection_of
+from tasks.checks.bodies import judge_bodies
 from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
+from tasks.checks.compared import read_silhouettes
 from tasks.checks.consistency import (
     Consistency,
     find_exchanged,
@@ -30,13 +31,11 @@ from tasks.checks.consistency import (
     share_overlapped,
 )
 from tasks.checks.offsets import Passage, judge_beginnings, timing_of
+from tasks.checks.telling import By, all_faults, blind_why, filled_fault, judge_telling
 from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
 
-_FRAMES_LOOKED_AT = 8
-"""How many frames of a take are compared. Chosen, not measured: all poses differ, and a second of
-work at most."""
 _FILMED = 0.1
 """Of how much of the hull a camera that sees nobody must film the place to be a fault [share].
 Chosen, not measured."""
@@ -117,6 +116,7 @@ class _Case:
     grid: VoxelGrid
     names: Sequence[str]
     settings: AgreementSettings
+    by: By
 
     @property
     def frames(self) -> int:
@@ -135,6 +135,7 @@ def check_agreement(
     grid: VoxelGrid,
     names: Sequence[str],
     settings: AgreementSettings = AgreementSettings(),
+    by: By = "background",
 ) -> Agreement:
     """Compare the silhouettes of a few frames with each other, the cameras and the volume.
 
@@ -150,6 +151,8 @@ def check_agreement(
         What the cameras are called.
     settings
         What is still agreement.
+    by
+        What told the performer from the stage; what is to be done depends on it.
 
     Returns
     -------
@@ -167,13 +170,13 @@ def check_agreement(
     nothing = Agreement((), (), share.mean(axis=0), unknown, unknown, tuple(range(len(share))))
     filled = np.median(share, axis=0) > settings.most_of_picture
     usable = tuple(int(c) for c in np.flatnonzero(share.any(axis=0) & ~filled))
-    faults = [_filled_fault(names[c], share[:, c]) for c in map(int, np.flatnonzero(filled))]
+    faults = [filled_fault(names[c], share[:, c], by) for c in map(int, np.flatnonzero(filled))]
     blind = [int(c) for c in np.flatnonzero(~share.any(axis=0))]
     if len(usable) < settings.min_cameras:
-        said = _too_few_fault([names[c] for c in blind], len(usable), settings)
+        said = _too_few_fault([names[c] for c in blind], len(usable), settings, by)
         return replace(nothing, faults=(*faults, said))
     consistency = measure_consistency(silhouettes, projection, grid, usable, settings.min_cameras)
-    case = _Case(consistency, grid, names, settings)
+    case = _Case(consistency, grid, names, settings, by)
     notes: list[str] = []
     _judge_blind(case, blind, faults, notes)
     explained, overlap = unknown.copy(), unknown.copy()
@@ -184,6 +187,7 @@ def check_agreement(
     empty = _empty_frames(case)
     if trusted:
         _judge_volume(case, trusted, faults, notes)
+        _judge_bodies(case, trusted, faults, notes)
     if not faults and empty:
         _judge_hulls(share, empty, faults, notes)
     return Agreement(
@@ -224,8 +228,7 @@ def _judge_blind(case: _Case, blind: Sequence[int], faults: list[str], notes: li
     if should:
         faults.append(
             f"camera {listed(should)} sees nobody in any of the {case.frames} frames looked "
-            "at, although the others do: its film or its background is of something else, or its "
-            "background was filmed with the performer in it"
+            f"at, although the others do: {blind_why(case.by)}"
         )
     if need_not:
         notes.append(
@@ -353,6 +356,15 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         notes.append(f"{said}.")
 
 
+def _judge_bodies(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
+    """Say whether what is carved in the volume can be one performer."""
+    hulls = [v.points[case.consistency.hull(v, trusted)] for v in case.consistency.voxels]
+    inside = [hull[is_inside(hull, case.grid)] for hull in hulls]
+    wrong, known = judge_bodies(inside, case.consistency.scene.voxel_m, case.by)
+    faults += wrong
+    notes += known
+
+
 def _judge_hulls(
     share: NDArray[np.float64], empty: Sequence[int], faults: list[str], notes: list[str]
 ) -> None:
@@ -366,24 +378,19 @@ def _judge_hulls(
         notes.append(f"N{said}; they are stored as empty.")
 
 
-def _filled_fault(name: str, share: NDArray[np.float64]) -> str:
-    return (
-        f"the silhouette of camera {name!r} is {np.median(share):.0%} of its picture: its "
-        "background is of another scene, exposure or camera; film it again with the same settings"
-    )
-
-
-def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings) -> str:
+def _too_few_fault(blind: Sequence[str], usable: int, settings: AgreementSettings, by: By) -> str:
     seen = f"camera {listed(blind)} sees nobody" if blind else "the others cannot be used"
+    why = blind_why(by) if blind else "look at what the pictures of `shosa doctor` show"
     return (
         f"{seen} in any of the frames looked at, and {usable} cameras are left, where at least "
-        f"{settings.min_cameras} are wanted: look at the films and backgrounds"
+        f"{settings.min_cameras} are wanted: {why}"
     )
 
 
 def check_take(
-    archive: str, capture: str, digest: str, blocks: Sequence[Block], settings: AgreementSettings
-) -> list[str]:
+    archive: str, capture: str, digest: str, blocks: Sequence[Block], settings: AgreementSettings,
+    by: By,
+) -> list[str]:  # fmt: skip
     """Compare the silhouettes of a few frames of a take with each other; return what to note.
 
     Parameters
@@ -395,6 +402,8 @@ def check_take(
         What `extract_block` wrote, in the order of the frames.
     settings
         What is still agreement.
+    by
+        What told the performer from the stage.
 
     Raises
     ------
@@ -402,20 +411,17 @@ def check_take(
         If the silhouettes cannot be of one performer in the volume: all that is wrong.
     """
     source = capture_of(capture, digest)
-    place = open_archive(archive).place
-    chosen = np.unique(np.linspace(0, source.frames - 1, _FRAMES_LOOKED_AT).round().astype(int))
-    _, columns = largest_image(source.cameras)
     projection, timing = projection_of(source.cameras), timing_of(source, settings.late_frames)
-    packed, touches = [], []
-    for block in blocks:
-        bits = read_block(place, block, ["silhouette"])["silhouette"]
-        packed.append(bits[chosen[(chosen >= block.start) & (chosen < block.end)] - block.start])
-        touches.append(touches_of(bits[-block.start % timing.step :: timing.step], projection))
-    silhouettes = np.unpackbits(np.concatenate(packed), axis=-1, count=columns).astype(np.bool_)
-    found = check_agreement(silhouettes, projection, grid_of(source), list(timing.names), settings)
-    begun = judge_beginnings([Passage(0, join_touches(touches))], projection, timing)
-    faults, notes = (*begun.faults, *found.faults), (*begun.notes, *found.notes)
-    if faults:
-        told = "\n".join(f"- {each}" for each in (*faults, *notes))
-        raise InputError(f"{capture} cannot be digitized:\n{told}")
-    return list(notes)
+    silhouettes, telling, touches = read_silhouettes(
+        open_archive(archive), source, blocks, by, timing.step
+    )
+    wrong, known = judge_telling(telling, source, silhouettes)
+    begun = judge_beginnings([Passage(0, touches)], projection, timing)
+    found = check_agreement(
+        silhouettes, projection, grid_of(source), list(timing.names), settings, by
+    )
+    notes = [*begun.notes, *known, *found.notes]
+    if faults := all_faults(telling, wrong, (*begun.faults, *found.faults)):
+        said = "\n".join(f"- {each}" for each in (*faults, *notes))
+        raise InputError(f"{capture} cannot be digitized:\n{said}")
+    return notes

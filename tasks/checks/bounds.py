@@ -31,10 +31,18 @@ def main_parts(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float6
     """
     if not len(points):
         return points
+    part = parts_of(points, voxel_m)
+    return points[np.bincount(part)[part] >= 0.05 * len(points)]
+
+
+def parts_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int32]:
+    """Return (voxel,) the number of the part that each voxel (voxel, 3) of a hull is of.
+
+    Parts nearer to each other than three voxels are one.
+    """
     pairs = KDTree(points).query_pairs(3.1 * voxel_m, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), [len(points)] * 2)
-    _, part = connected_components(graph, directed=False)
-    return points[np.bincount(part)[part] >= 0.05 * len(points)]
+    return connected_components(graph, directed=False)[1]
 
 
 def fitting_box(

@@ -12,20 +12,28 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
-from tasks.capture.backgrounds import Background, measure_gain, smooth
-from tasks.capture.films import grid_of, projection_of, read_backgrounds
+from tasks.capture.films import grid_of, projection_of
 from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
+from tasks.checks.compared import Compared, prepare_seeing, see_silhouettes
 from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
+from tasks.checks.telling import all_faults, judge_telling
 from tasks.checks.watching import watch_films
 from tasks.engine.progress import within
-from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.reconstruction.silhouettes import SilhouetteSettings
 
 _WATCHED, _WATCHED_AGAIN = 0.75, 0.85
 """How much of the work is done when films were looked through, and again from where they begin
 [share]. Of 8 cameras, 150 frames; only for who waits."""
 _DARKEST, _BRIGHTEST = 0.7, 1.4
 """Times as bright as its background a film may be before it is said."""
+
+SettingsOf = Callable[[Path], tuple[SilhouetteSettings, AgreementSettings]]
+"""Reads the settings of a capture."""
+
+
+def _usual_settings(_: Path) -> tuple[SilhouetteSettings, AgreementSettings]:
+    return SilhouetteSettings(), AgreementSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +59,7 @@ def examine_captures(
     into: Path | None,
     report: Callable[[str], None],
     say: Callable[[str], None],
+    settings_of: SettingsOf = _usual_settings,
     watch: Callable[[str], AbstractContextManager[None]] = nullcontext,
 ) -> bool:
     """Examine captures one after another, and return whether all are good.
@@ -63,6 +72,8 @@ def examine_captures(
         As for `examine_capture`; of several captures each has a folder of its own there.
     report, say
         Called with each line of a report, and with what is wrong with files.
+    settings_of
+        How silhouettes are found in a capture, and what is agreement.
     watch
         Gives what is entered while a capture, by its name, is examined: it may listen how far that
         is.
@@ -75,7 +86,7 @@ def examine_captures(
             own = into / name if len(folders) > 1 else into
         try:
             with watch(name):
-                found = examine_capture(folder, own)
+                found = examine_capture(folder, own, settings_of)
         except InputError as error:
             say(f"shosa: {error}")
             good = False
@@ -106,7 +117,11 @@ def _alike(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def examine_capture(folder: Path, into: Path | None = None) -> Examination:
+def examine_capture(
+    folder: Path,
+    into: Path | None = None,
+    settings_of: SettingsOf = _usual_settings,
+) -> Examination:
     """Examine a capture, and draw what its cameras see.
 
     Parameters
@@ -117,42 +132,48 @@ def examine_capture(folder: Path, into: Path | None = None) -> Examination:
         The folder for the pictures: the volume and the floor over each background, and the
         silhouette over a frame of each film. By default `<name of the capture>-doctor` in the
         working directory.
+    settings_of
+        How silhouettes are found in a capture, and what is agreement.
 
     Raises
     ------
     InputError
         With all that is wrong with the files, a line each; or a film, named by its camera,
-        cannot be decoded to its end.
+        cannot be decoded to its end, or nothing tells the performer from the stage.
     """
     capture = read_capture(folder, any_length=True)
+    silhouettes, settings = settings_of(folder)
     into = into or Path(f"{folder.resolve().name}-doctor")
     if into.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{into} is within the capture, which is left as it is; choose another")
-    backgrounds = read_backgrounds(capture)
-    projection, settings = projection_of(capture.cameras), AgreementSettings()
-    timing = timing_of(capture, settings.late_frames)
+    seeing = prepare_seeing(capture, silhouettes)
+    projection, timing = projection_of(capture.cameras), timing_of(capture, settings.late_frames)
     with within(0.0, _WATCHED):
-        watched = watch_films(capture, backgrounds, timing.step)
+        watched = watch_films(capture, seeing, timing.step)
     begun = judge_beginnings(watched.passages, projection, timing, unequal=capture.unequal)
-    frames, notes = watched.frames, begun.notes
+    together, notes = capture, begun.notes
     if begun.line:
         together = _together(capture, begun)
         with within(_WATCHED, _WATCHED_AGAIN):
-            frames = watch_films(together, backgrounds, timing.step, passages=False).frames
+            watched = watch_films(together, seeing, timing.step, passages=False)
         notes = (*notes, "The silhouettes were compared as that line would have the films.")
-    silhouettes, gains = _silhouettes(frames, backgrounds)
+    seen = see_silhouettes(together, watched.frames, watched.numbers, seeing)
+    wrong, known = judge_telling(seen.telling, capture, seen.silhouettes)
     names = list(timing.names)
-    agreement = check_agreement(silhouettes, projection, grid_of(capture), names, settings)
-    notes = (*notes, *agreement.notes, *_gain_notes(names, gains))
+    found = check_agreement(
+        seen.silhouettes, projection, grid_of(capture), names, settings, seeing.by
+    )
+    notes = (*notes, *known, *found.notes, *_gain_notes(names, seen.gains))
+    found = replace(found, faults=all_faults(seen.telling, wrong, found.faults))
     pictures, unwritten = (), ""
     try:
-        pictures = _draw(capture, frames, silhouettes, into)
+        pictures = _draw(capture, watched.frames, seen, into)
     except OSError as error:
         unwritten = (
             f"the pictures cannot be written into {into} ({error.strerror or error}); name a "
             "folder that can be written by --out"
         )
-    return Examination(capture, agreement, begun, notes, pictures, unwritten)
+    return Examination(capture, found, begun, notes, pictures, unwritten)
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -202,19 +223,6 @@ def _together(capture: Capture, begun: Beginnings) -> Capture:
     return replace(capture, first_frames=tuple(first), frames=capture.frames - max(moved))
 
 
-def _silhouettes(
-    frames: Sequence[NDArray[np.uint8]], backgrounds: Sequence[Background]
-) -> tuple[NDArray[np.bool_], list[float]]:
-    """Return (time, camera, row, column) silhouettes, and how bright each film is."""
-    rows, columns = (max(each.shape[axis] for each in frames) for axis in (1, 2))
-    silhouettes = np.zeros((len(frames[0]), len(frames), rows, columns), np.bool_)
-    gains = []
-    for n, (each, background) in enumerate(zip(frames, backgrounds, strict=True)):
-        silhouettes[:, n, : each.shape[1], : each.shape[2]] = extract_silhouettes(each, background)
-        gains.append(float(np.median([measure_gain(smooth(f), background) for f in each])))
-    return silhouettes, gains
-
-
 def _gain_notes(names: Sequence[str], gains: Sequence[float]) -> tuple[str, ...]:
     """Say which films are much brighter or darker than their backgrounds."""
     return tuple(
@@ -228,19 +236,20 @@ def _gain_notes(names: Sequence[str], gains: Sequence[float]) -> tuple[str, ...]
 def _draw(
     capture: Capture,
     frames: Sequence[NDArray[np.uint8]],
-    silhouettes: NDArray[np.bool_],
+    seen: Compared,
     into: Path,
 ) -> tuple[Path, ...]:
     """Write two pictures a camera side by side, and return where."""
     into.mkdir(parents=True, exist_ok=True)
-    middle = len(silhouettes) // 2
+    middle = len(seen.silhouettes) // 2
+    how = "given" if seen.telling.by == "mask" else "found"
     written = []
-    for n, (name, check) in enumerate(draw_capture_checks(capture).items()):
+    for n, (name, check) in enumerate(draw_capture_checks(capture, behind=seen.behind).items()):
         frame = frames[n][middle]
         silhouette = np.ascontiguousarray(
-            silhouettes[middle, n, : frame.shape[0], : frame.shape[1]]
+            seen.silhouettes[middle, n, : frame.shape[0], : frame.shape[1]]
         )
-        beside = draw_silhouette(frame, silhouette, title=f"{name}: the silhouette found")
+        beside = draw_silhouette(frame, silhouette, title=f"{name}: the silhouette {how}")
         path = into / f"{name}.png"
         _write_picture(path, np.concatenate([check, beside], axis=1))
         written.append(path)

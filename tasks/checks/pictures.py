@@ -4,6 +4,7 @@ Nothing in the numbers of a calibration says that a camera was matched to the wr
 the floor is not at y = 0; a drawing of the floor and the volume over the background does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -55,9 +56,21 @@ class CheckSettings:
 
 
 def draw_capture_checks(
-    capture: Capture, settings: CheckSettings = CheckSettings()
+    capture: Capture,
+    settings: CheckSettings = CheckSettings(),
+    *,
+    behind: Sequence[NDArray[np.uint8]] | None = None,
 ) -> dict[str, Image]:
     """Return the picture of `draw_camera_check` for each camera of a capture, by name.
+
+    Parameters
+    ----------
+    capture
+        Whose cameras are drawn.
+    settings
+        How.
+    behind : sequence of (row, column, 3) uint8, optional
+        What is drawn over, a picture a camera; by default the backgrounds that were brought.
 
     Raises
     ------
@@ -65,12 +78,12 @@ def draw_capture_checks(
         Where a background cannot be read any more.
     """
     pictures = {}
-    for camera, path, share in zip(
-        capture.cameras, capture.backgrounds, capture.seen_share, strict=True
-    ):
+    if behind is None:
+        behind = [read_picture(path) for path in capture.backgrounds]
+    for camera, picture, share in zip(capture.cameras, behind, capture.seen_share, strict=True):
         title = f"{camera.name}: sees {share:.0%} of the volume"
         pictures[camera.name] = draw_camera_check(
-            read_picture(path), camera, capture.volume, title=title, settings=settings
+            picture, camera, capture.volume, title=title, settings=settings
         )
     return pictures
 

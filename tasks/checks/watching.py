@@ -4,20 +4,19 @@ Each film is decoded from its beginning, as one with a single key frame has to b
 first minute. Of the passages no picture is kept, but where each silhouette is touched.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from storage.formats.capture.capture import Capture
-from storage.formats.pictures.video import Video, open_video, read_blocks
-from tasks.capture.backgrounds import Background
+from storage.formats.pictures.video import open_masks, open_video, read_blocks
 from tasks.capture.films import of_camera, projection_of
 from tasks.capture.tangency import Outline, find_outline, find_touches, join_outlines
+from tasks.checks.compared import Seeing
 from tasks.checks.offsets import Passage
 from tasks.engine.threads import side_by_side
-from tasks.reconstruction.silhouettes import extract_silhouettes
 
 _LOOKED_AT = 8
 """How many frames are kept [frames]. All poses differ, and they are drawn and compared at once."""
@@ -53,20 +52,20 @@ class Watched:
 
     frames: list[NDArray[np.uint8]]
     """Of each camera (time, row, column, 3), all of the same moments."""
+    numbers: list[int]
+    """Which frames of the take they are, ascending."""
     passages: list[Passage]
 
 
-def watch_films(
-    capture: Capture, backgrounds: Sequence[Background], step: int, *, passages: bool = True
-) -> Watched:
+def watch_films(capture: Capture, seeing: Seeing, step: int, *, passages: bool = True) -> Watched:
     """Look through the films of a capture.
 
     Parameters
     ----------
     capture
         Whose films begin where it says.
-    backgrounds
-        Of its cameras.
+    seeing
+        How silhouettes are found in them.
     step
         How many frames are between those of a passage.
     passages
@@ -75,7 +74,7 @@ def watch_films(
     Raises
     ------
     InputError
-        A film, named by its camera, cannot be decoded.
+        A film, or its masks, cannot be decoded; the camera is named.
     """
     end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
     chosen = np.unique(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int)).tolist()
@@ -83,15 +82,20 @@ def watch_films(
     projection = projection_of(capture.cameras)
 
     def watch(c: int) -> tuple[NDArray[np.uint8], list[Outline]]:
-        video = open_video(capture.videos[c])
+        videos = [open_video(capture.videos[c])]
+        if capture.masks and passages:
+            videos.append(open_masks(capture.masks[c]))
+        firsts = [capture.first_frames[c]] * len(videos)
         kept: list[NDArray[np.uint8]] = []
         found: list[list[Outline]] = [[] for _ in ranges]
-        for start, frames in _blocks(video, capture.first_frames[c], end):
+        blocks = read_blocks(videos, block=_BLOCK, end=end, firsts=firsts)
+        for start, (frames, *masks) in blocks:
             kept += [frames[n - start].copy() for n in chosen if 0 <= n - start < len(frames)]
             for outlines, wanted in zip(found, ranges, strict=True):
                 inside = [n - start for n in wanted if 0 <= n - start < len(frames)]
                 if inside:
-                    bits = extract_silhouettes(frames[inside], backgrounds[c])
+                    of_frames = masks[0][inside] if masks else None
+                    bits = seeing.silhouettes(c, frames[inside], of_frames)
                     outlines.append(find_outline(np.packbits(bits, axis=-1), projection, c))
         return np.stack(kept), [join_outlines(outlines) for outlines in found]
 
@@ -100,16 +104,12 @@ def watch_films(
     )
     return Watched(
         [frames for frames, _ in seen],
+        chosen,
         [
             Passage(wanted[0], find_touches([outlines[n] for _, outlines in seen], projection))
             for n, wanted in enumerate(ranges)
         ],
     )
-
-
-def _blocks(video: Video, first: int, end: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    for start, (frames,) in read_blocks([video], block=_BLOCK, end=end, firsts=[first]):
-        yield start, frames
 
 
 def _ranges(capture: Capture, end: int, step: int) -> Iterator[range]:

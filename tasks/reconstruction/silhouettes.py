@@ -25,16 +25,20 @@ from numpy.typing import NDArray
 
 from storage import open_archive
 from storage.blocks import Written, write_block
-from storage.formats.capture.capture import capture_of
+from storage.formats.capture.capture import Capture, capture_of
 from tasks.capture.backgrounds import Background, measure_gain, smooth
-from tasks.capture.films import largest_image, read_backgrounds, read_films
+from tasks.capture.empty_stages import check_telling, read_backgrounds
+from tasks.capture.films import compared_frames, largest_image, read_films_and_masks
+from tasks.capture.screens import key_fault
 from tasks.engine.kernels import njit
 from tasks.engine.progress import within
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.components import clean_region
+from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
+from tasks.reconstruction.regions.stale_outlines import stale_outline
 
 _BLACK = np.float32(1.0)
 """Square of a length that is added to that of the background's color [levels²]. It gives black,
@@ -65,6 +69,14 @@ class SilhouetteSettings:
     ValueError
         If the rule is unknown or a number out of its range; every fault is said.
     """
+
+    background: Literal["given", "film"] = "given"
+    """What tells the empty stage: the folder `background`, or the film itself. In the film the
+    performer has to leave every place at some time."""
+
+    key: str = ""
+    """The color of a blue or green screen, such as "#00b140", or "auto"; empty without one. With a
+    screen no empty stage has to be filmed."""
 
     rule: Literal["chroma", "crcb"] = "chroma"
     """How the performer is told from the background. `chroma` measures best on outline and shadows
@@ -120,6 +132,13 @@ class SilhouetteSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if fault := key_fault(self.key):
+            raise ValueError(fault)
+        if self.key and self.background != "given":
+            raise ValueError(
+                f'key is {self.key!r} and background "{self.background}": a screen and a film '
+                "without one exclude each other, set one of them"
+            )
 
 
 DEFAULT = SilhouetteSettings()
@@ -314,32 +333,66 @@ def extract_block(
         The array `silhouette` is (time, camera, row, column / 8),
         packed along the columns; beside an image smaller than the others it is False. `color` is
         (pixel, 3) uint8, RGB, of the silhouettes' pixels in their order: what coloring needs of
-        the films, so that they are decoded once.
+        the films, so that they are decoded once. `stale` (time, camera, row, column / 8) has, of
+        the `compared_frames` among these, the outlines that are of the background alone. `sure`
+        (camera,) is the share of each picture in which a background is no guess.
 
     Raises
     ------
     InputError
-        If the capture cannot be read.
+        If the capture cannot be read, or nothing tells the performer from the stage.
     """
     begun = time.monotonic()
     source = capture_of(capture, digest)
-    backgrounds = read_backgrounds(source)
+    check_telling(source, settings.background, settings.key)
+    backgrounds = _backgrounds(source, settings)
     rows, columns = largest_image(source.cameras)
-    shape = (end - start, len(source.cameras), rows, -(-columns // 8))
-    packed = np.zeros(shape, np.uint8)
+    packed = np.zeros((end - start, len(source.cameras), rows, -(-columns // 8)), np.uint8)
+    compared = [n for n in compared_frames(source.frames) if start <= n < end]
+    stale = np.zeros((len(compared), *packed.shape[1:]), np.uint8)
+    facts = np.zeros((len(compared), len(source.cameras), MASK_FACTS))
     color: list[NDArray[np.uint8]] = []
-    for first, films in read_films(source, start, end):
+    for first, films, masks in read_films_and_masks(source, start, end):
 
-        def extract(camera: int, first: int = first, films: Any = films) -> list[NDArray[np.uint8]]:
+        def extract(camera: int, first: int = first, films: Any = films, masks: Any = masks) -> Any:
             film = films[camera]
-            bits = np.packbits(extract_silhouettes(film, backgrounds[camera], settings), axis=-1)
-            part = packed[first - start : first - start + len(bits), camera]
-            part[:, : bits.shape[1], : bits.shape[2]] = bits
+            here = [(n, m - first) for n, m in enumerate(compared) if 0 <= m - first < len(film)]
+            if masks:
+                found = silhouettes_of(masks[camera])
+                for n, frame in here:
+                    facts[n, camera] = mask_facts(masks[camera][frame])
+                for each, mask, silhouette in zip(film, masks[camera], found, strict=True):
+                    color_rim(each, mask, silhouette)
+            else:
+                found = extract_silhouettes(film, backgrounds[camera], settings)
+                for n, frame in here:
+                    seen = found[frame], film[frame], backgrounds[camera].color
+                    _put(stale[n, camera], np.packbits(stale_outline(*seen), axis=-1))
+            bits = np.packbits(found, axis=-1)
+            _put(packed[first - start : first - start + len(bits), camera], bits)
             return [take_pixels(each, frame) for each, frame in zip(bits, film, strict=True)]
 
         ends = (first - start, first - start + len(films[0]))
         with within(ends[0] / (end - start), ends[1] / (end - start)):
             of_cameras = side_by_side(extract, range(len(films)))
         color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
-    arrays = {"silhouette": packed, "color": np.concatenate(color)}
+    arrays = {
+        "silhouette": packed,
+        "color": np.concatenate(color),
+        "stale": stale,
+        "masks": facts,
+        "sure": np.array([background.sure for background in backgrounds]),
+    }
     return write_block(open_archive(archive).place, into, (start, end), arrays, begun)
+
+
+def _backgrounds(source: Capture, settings: SilhouetteSettings) -> list[Background]:
+    """Return the background of each camera; none where masks say where the performer is."""
+    if source.masks:
+        return []
+    return read_backgrounds(source, settings.background, settings.key)
+
+
+def _put(into: NDArray[np.uint8], bits: NDArray[np.uint8]) -> None:
+    """Write packed pictures (..., row, column / 8) where there may be room for larger ones."""
+    into[..., : bits.shape[-2], : bits.shape[-1]] = bits

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from datetime import timedelta
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from storage.places import list_files
 from storage.publication import collect_garbage, verify_take, version_folder
 from storage.schema import JOINTS
 from tasks.capture import films as capture_films
+from tasks.capture.empty_stages import read_backgrounds
 from tasks.exporting.voxels import export_initial
 from tasks.geometry.voxels import decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
@@ -87,6 +89,11 @@ def posed(tmp_path_factory):
 
 
 @pytest.fixture
+def truth_of(filmed):
+    return filmed.with_name("dancer_truth.npz")
+
+
+@pytest.fixture
 def capture(filmed, tmp_path, monkeypatch):
     monkeypatch.setattr(capture_films, "_BLOCK_FRAMES", 8)
     return shutil.copytree(filmed, tmp_path / "dancer")
@@ -106,7 +113,7 @@ def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, ca
     take = open_archive(tmp_path / "archive").take("dancer")
     assert "motion" not in take.record.stages
     source = read_capture(capture)
-    backgrounds = capture_films.read_backgrounds(source)
+    backgrounds = read_backgrounds(source)
     [*parts] = capture_films.read_films(source, 0, FRAMES)
     films = [np.concatenate([films[c] for _, films in parts]) for c in range(5)]
     silhouettes = np.stack(
@@ -126,6 +133,31 @@ def test_what_is_stored_is_what_the_stages_make_of_all_frames_at_once(ingest, ca
     place = open_archive(tmp_path / "archive").place
     assert verify_take(place, "dancer") == []
     assert list_files(place, "work") == []
+
+
+def test_masks_are_the_silhouettes_and_another_mask_is_another_content(
+    ingest, capture, truth_of, tmp_path
+):
+    with np.load(truth_of) as arrays:
+        columns = arrays["mask_shape"][-1]
+        truth = np.unpackbits(arrays["masks"], axis=-1, count=columns).astype(bool)
+    shutil.rmtree(capture / "background")
+    for c in range(truth.shape[1]):
+        folder = capture / "silhouettes" / f"cam{c + 1}"
+        folder.mkdir(parents=True)
+        for n, mask in enumerate(truth[:, c]):
+            cv2.imwrite(str(folder / f"{n}.png"), mask * np.uint8(255))
+    outcome = ingest()
+    assert outcome.status == "ingested", outcome.reason
+    take = open_archive(tmp_path / "archive").take("dancer")
+    np.testing.assert_array_equal(take.silhouettes, truth)
+    assert ingest().status == "unchanged"
+    cv2.imwrite(str(capture / "silhouettes" / "cam2" / "5.png"), truth[5, 1] * np.uint8(255) // 3)
+    assert ingest().status == "ingested"
+    take = open_archive(tmp_path / "archive").take("dancer")
+    assert take.record.number == 2
+    assert not take.silhouettes[5, 1].any()
+    np.testing.assert_array_equal(take.silhouettes[6], truth[6])
 
 
 def test_what_did_not_change_is_not_computed_again_and_a_change_is_a_new_version(

@@ -46,6 +46,8 @@ def test_every_setting_that_is_printed_can_be_set():
 def _others(value, accepted):
     if isinstance(value, bool):
         return [not value]
+    if accepted == "a text":
+        return ["#00b140"]
     if isinstance(value, str):
         return [word for word in accepted.replace('"', "").split(" ", 2)[2].split(", ")
                 if word != value]  # fmt: skip

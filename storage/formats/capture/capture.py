@@ -1,7 +1,7 @@
-"""Read a capture: calibration, videos and backgrounds of a take (docs/contract.md, section 3).
+"""Read a capture: calibration, videos, backgrounds or masks (docs/contract.md, section 3).
 
 Before anything is computed, all of it is checked against each other: every camera has a video and
-a background, image sizes agree, frame counts agree, and the cameras look at the volume.
+a background or masks, image sizes agree, frame counts agree, and the cameras look at the volume.
 """
 
 import os
@@ -19,8 +19,10 @@ from storage.formats.calibration.parts import Calibration
 from storage.formats.calibration.reading import load_calibration, place_cameras
 from storage.formats.capture.capture_files import (
     FOLDERS,
+    NOTHING_TELLS,
     files_of,
     find_calibration,
+    find_telling,
     unknown_folders,
     unread_files,
 )
@@ -31,6 +33,7 @@ from storage.formats.capture.footage import (
     by_px,
     footage_notes,
     look_at_footage,
+    mask_faults,
     why_other_background,
     why_unequal,
 )
@@ -59,7 +62,7 @@ class Capture:
     videos: tuple[Path, ...]
     """A video file, or a folder of images."""
     backgrounds: tuple[Path, ...]
-    """A picture, or a video."""
+    """A picture, or a video; none where there is no such folder, or where there are masks."""
     frames: int
     """Moments that all videos show, as their headers say."""
     calibration: Path
@@ -75,6 +78,8 @@ class Capture:
     """How much later than the others each video began, as capture.toml says."""
     unequal: str = ""
     """What is wrong with the lengths of the videos, where they may differ."""
+    masks: tuple[Path, ...] = ()
+    """A video of masks, or a folder of pictures of them; none where there is no such folder."""
 
 
 def read_capture(folder: Path, *, any_length: bool = False) -> Capture:
@@ -83,7 +88,7 @@ def read_capture(folder: Path, *, any_length: bool = False) -> Capture:
     Parameters
     ----------
     folder : Path
-        With capture.toml, a calibration, `videos` and `background`.
+        With capture.toml, a calibration, `videos`, and `background` or `silhouettes`.
     any_length
         Let videos of unequal length pass, to find out when each began; `unequal` tells of them.
 
@@ -99,13 +104,19 @@ def read_capture(folder: Path, *, any_length: bool = False) -> Capture:
     volume = said.volume
     notes += unknown_folders(folder)
     path = find_calibration(folder, faults, notes)
-    films, pictures = (files_of(what, folder, faults) for what in ("video", "background"))
+    films = files_of("video", folder, faults)
+    told_by = find_telling(folder, notes)
+    others = files_of(told_by, folder, faults)
     found = _load_cameras(path, films or {}, faults)
     videos = _match("video", folder, films, found.cameras, faults, notes)
-    backgrounds = _match("background", folder, pictures, found.cameras, faults, notes)
-    notes += footage_notes({"video": videos, "background": backgrounds})
+    telling = _match(told_by, folder, others, found.cameras, faults, notes)
+    notes += footage_notes({"video": videos, told_by: telling})
     sized = [_sized(camera, videos, faults, notes) for camera in found.cameras]
+    backgrounds = {} if told_by == "mask" else telling
+    masks = telling if told_by == "mask" else {}
     faults += _size_faults(sized, videos, backgrounds)
+    for name in masks:
+        faults += mask_faults(name, videos.get(name), masks[name])
     cameras, unit_m = _place(path, replace(found, cameras=sized), said, faults, notes)
     fps = _rate(said.fps, videos, faults, notes)
     offsets_s = read_offsets(said.video, [each.name for each in found.cameras], MARK, faults)
@@ -118,14 +129,16 @@ def read_capture(folder: Path, *, any_length: bool = False) -> Capture:
     has_initial = os.path.lexists(initial)
     faults += _initial_faults(initial, frames) if has_initial else []
     if faults or volume is None or path is None or fps is None:
+        faults += [NOTHING_TELLS] if others is None else []
         raise InputError("\n".join([f"{folder} cannot be used as a capture:", *_dashed(faults)]))
     return Capture(
         folder, said.take, said.metadata, said.stature_m, volume, fps, tuple(cameras),
         tuple(videos[camera.name].path for camera in cameras),
-        tuple(backgrounds[camera.name].path for camera in cameras),
+        tuple(backgrounds[camera.name].path for camera in cameras if backgrounds),
         frames, path, initial if has_initial else None, tuple(shares), tuple(notes),
         aligned.first_frames,
         tuple((offsets_s or {}).get(camera.name, 0.0) for camera in cameras), aligned.unequal,
+        tuple(masks[camera.name].path for camera in cameras if masks),
     )  # fmt: skip
 
 
@@ -248,7 +261,7 @@ def _look(
             )
         elif paths:
             try:
-                found[name] = look_at_footage(paths[0])
+                found[name] = look_at_footage(paths[0], masks=what == "mask")
             except InputError as error:
                 faults.append(f"camera {name!r}: {error}")
             except OSError as error:

@@ -10,8 +10,19 @@ from storage.formats.pictures.video import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from storage.formats.reading import listed
 
 _PAIRS = ("intri.yml", "extri.yml", "cameras.txt", "images.txt")
-FOLDERS = {"video": "videos", "background": "background", "calibration": "calibration"}
+FOLDERS = {
+    "video": "videos",
+    "background": "background",
+    "mask": "silhouettes",
+    "calibration": "calibration",
+}
 """The folders that a capture may have, by what is in them."""
+NOTHING_TELLS = (
+    "nothing tells the performer from the stage: there is no folder `background` with pictures of "
+    "the empty stage, and no folder `silhouettes` with masks; without either, write background = "
+    '"film", or the key color of a screen, under [silhouettes] of digitize.toml'
+)
+"""What is said of a capture that has neither backgrounds nor masks."""
 
 
 def unknown_folders(folder: Path) -> list[str]:
@@ -55,11 +66,23 @@ def find_calibration(folder: Path, faults: list[str], notes: list[str]) -> Path 
     return None
 
 
+def find_telling(folder: Path, notes: list[str]) -> str:
+    """Return what tells the performer from the stage: masks where there are any, or backgrounds."""
+    masks, pictures = (folder / FOLDERS[what] for what in ("mask", "background"))
+    if masks.is_dir() and pictures.is_dir():
+        notes.append(
+            f"The capture has masks in `{masks.name}` and pictures in `{pictures.name}`: the masks "
+            "were taken."
+        )
+    return "mask" if masks.is_dir() else "background"
+
+
 def files_of(what: str, folder: Path, faults: list[str]) -> dict[str, list[Path]] | None:
-    """Return the films or backgrounds by their names, composed (NFC); None without their folder."""
+    """Return films, backgrounds or masks by their names, composed (NFC); None without a folder."""
     inside = folder / FOLDERS[what]
     if not inside.is_dir():
-        faults.append(f"there is no folder `{inside.name}` with a {what} a camera")
+        if what == "video":
+            faults.append(f"there is no folder `{inside.name}` with a {what} a camera")
         return None
     files: dict[str, list[Path]] = {}
     for path in sorted(inside.iterdir()):
@@ -67,7 +90,7 @@ def files_of(what: str, folder: Path, faults: list[str]) -> dict[str, list[Path]
             continue
         is_video = path.suffix.lower() in VIDEO_SUFFIXES
         is_picture = path.suffix.lower() in PICTURE_SUFFIXES and what == "background"
-        is_folder = path.is_dir() and what == "video"
+        is_folder = path.is_dir() and what != "background"
         if is_folder or is_video or is_picture:
             # a Mac, or a share from one, writes a letter and its mark as two codes
             name = unicodedata.normalize("NFC", path.name if is_folder else path.stem)
@@ -78,7 +101,7 @@ def files_of(what: str, folder: Path, faults: list[str]) -> dict[str, list[Path]
 def unread_files(what: str, folder: Path, names: Sequence[str]) -> str:
     """Return, for a message, which files are called as cameras but are of no kind that is read."""
     inside = folder / FOLDERS[what]
-    kinds = VIDEO_SUFFIXES if what == "video" else (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES)
+    kinds = (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES) if what == "background" else VIDEO_SUFFIXES
     unread = [
         path.name
         for path in sorted(inside.iterdir())
@@ -86,4 +109,5 @@ def unread_files(what: str, folder: Path, names: Sequence[str]) -> str:
     ]
     if not unread:
         return ""
-    return f"; {listed(unread)} is of no kind that is read ({', '.join(kinds)})"
+    more = "" if what == "background" else ", or a folder of numbered pictures"
+    return f"; {listed(unread)} is of no kind that is read ({', '.join(kinds)}{more})"

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.files import NotRegularError, check_regular
 from storage.formats.pictures.decoding import decode_picture
-from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, read_frames
+from storage.formats.pictures.video import (
+    PICTURE_SUFFIXES,
+    open_masks,
+    open_video,
+    read_frames,
+)
 from storage.formats.reading import listed
 
 
@@ -39,8 +44,10 @@ class Footage:
         return round(self.size[0] * self.pixel_aspect), self.size[1]
 
 
-def look_at_footage(path: Path) -> Footage:
+def look_at_footage(path: Path, *, masks: bool = False) -> Footage:
     """Return what a video, a folder of pictures or a picture says of itself.
+
+    Masks are looked at as such: as in `storage.formats.pictures.masks`.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def look_at_footage(path: Path) -> Footage:
     if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
         rows, columns, _ = read_picture(path).shape
         return Footage(path, (columns, rows), 1, None)
-    video = open_video(path)
+    video = open_masks(path) if masks else open_video(path)
     rows, columns = video.size
     return Footage(
         path,
@@ -129,6 +136,25 @@ def why_other_background(video: Footage, background: Footage) -> str:
     if video.shown != video.size and background.size == video.shown:
         return "the pixels of the video are not square; bring the background as a film of its own"
     return "film the background with the same settings"
+
+
+def mask_faults(name: str, video: Footage | None, masks: Footage | None) -> list[str]:
+    """Return where the masks of a camera are not of the frames of its film."""
+    if video is None or masks is None:
+        return []
+    faults = []
+    if masks.size != video.size:
+        faults.append(
+            f"camera {name!r}: its masks are {by_px(masks.size)}, its video {by_px(video.size)}; "
+            "make them of the frames as they were filmed"
+        )
+    if masks.frames != video.frames:
+        said = "".join(f" ({note})" for note in masks.notes)
+        faults.append(
+            f"camera {name!r} has {masks.frames} masks{said} for the {video.frames} frames of its "
+            "video; bring one for each frame, an empty one where nobody is seen"
+        )
+    return faults
 
 
 def by_px(size: tuple[int, int]) -> str:

@@ -1,7 +1,9 @@
 """Decode a picture that anybody may have brought, once its header says that it is not too large."""
 
+import re
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,8 @@ _MOST_BYTES = 1 << 29
 """Longest file of a picture [bytes]. The largest picture, not compressed, in 16 bits a channel."""
 
 _WANTED = "a picture as PNG or JPEG"
+_PBM = re.compile(rb"P([14])(?:\s+|#[^\n]*\n)+(\d{1,9})(?:\s+|#[^\n]*\n)+(\d{1,9})\s")
+"""Kind, columns and rows of a portable bitmap: digits (1) or eight pixels a byte (4)."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _SIZED = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
@@ -30,12 +34,43 @@ def decode_picture(path: Path) -> NDArray[np.uint8]:
     InputError
         It cannot be read, is neither PNG nor JPEG, is too large, or is damaged.
     """
+    return decode_data(path, read_picture_bytes(path, _WANTED), _WANTED)
+
+
+def read_picture_bytes(path: Path, wanted: str) -> bytes:
+    """Return the content of a file that should be a picture, and `wanted`.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is longer than any picture.
+    """
+    return read_bytes(path, wanted, most=_MOST_BYTES)
+
+
+def decode_data(path: Path, data: bytes, wanted: str, *, as_stored: bool = False) -> NDArray[Any]:
+    """Return a picture from the content of its file.
+
+    Parameters
+    ----------
+    path, data
+        The file and what is in it.
+    wanted
+        What should have been brought, for messages.
+    as_stored
+        Whether channels and bits stay as they are, opacity included, and bitmaps count as pictures;
+        else it becomes (row, column, 3) uint8, RGB.
+
+    Raises
+    ------
+    InputError
+        As `decode_picture`.
+    """
     import cv2  # here, because only who reads a picture should wait for it
 
-    data = read_bytes(path, _WANTED, most=_MOST_BYTES)
-    columns, rows = header_size(data) or (0, 0)
+    columns, rows = header_size(data) or (as_stored and _bitmap_size(data)) or (0, 0)
     if not columns or not rows:
-        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {_WANTED}")
+        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {wanted}")
     if columns * rows > MOST_PIXELS:
         raise InputError(
             f"{path} is a picture of {columns:,} x {rows:,} pixels, more than the "
@@ -43,12 +78,23 @@ def decode_picture(path: Path) -> NDArray[np.uint8]:
         )
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+        how = cv2.IMREAD_UNCHANGED if as_stored else cv2.IMREAD_COLOR_RGB
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:
         picture = None
     if picture is None:
-        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {_WANTED}")
-    return np.asarray(picture, np.uint8)
+        raise InputError(f"{path} cannot be decoded: it is damaged or no picture; bring {wanted}")
+    return np.asarray(picture)
+
+
+def _bitmap_size(data: bytes) -> tuple[int, int] | None:
+    """Return the columns and rows of a portable bitmap whose pixels are all there."""
+    found = _PBM.match(data)
+    if not found:
+        return None
+    columns, rows = int(found[2]), int(found[3])
+    least = rows * columns if found[1] == b"1" else rows * -(-columns // 8)
+    return (columns, rows) if len(data) - found.end() >= least else None
 
 
 def header_size(data: bytes) -> tuple[int, int] | None:

@@ -212,6 +212,12 @@ class RgbReader:
         """Return (row, column)."""
         return self._convert(frame, "gray")
 
+    def opacity(self, frame: VideoFrame) -> NDArray[np.uint8] | None:
+        """Return (row, column), 255 where a pixel is opaque; None where the film does not say."""
+        if not any(component.is_alpha for component in frame.format.components):
+            return None
+        return self._convert(frame, "rgba")[..., 3]
+
     def _convert(self, frame: VideoFrame, kind: str) -> Any:
         frame = self._whole(frame)
         converted = self._reformatter.reformat(

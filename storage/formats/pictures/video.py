@@ -10,7 +10,7 @@ import re
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
@@ -26,6 +26,7 @@ from storage.formats.pictures.combing import mended
 from storage.formats.pictures.decoding import decode_picture
 from storage.formats.pictures.film_decoding import FAULTS, Key, RgbReader, frames_from
 from storage.formats.pictures.film_facts import look_through
+from storage.formats.pictures.masks import MASK_SUFFIXES, MaskReader, decode_mask
 
 VIDEO_SUFFIXES = (
     ".mp4", ".m4v", ".mov", ".3gp", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".m2t", ".ts", ".mpg",
@@ -71,6 +72,21 @@ class Video:
     """Of the first frame, by the clock of the camera, where the file says it."""
     created: str = ""
     """When the film was made, where the file says it."""
+    masks: bool = False
+    """Whether its frames are masks: (row, column), 255 where a pixel is wholly the performer."""
+
+    @property
+    def frame_shape(self) -> tuple[int, ...]:
+        """Of the array of a frame."""
+        return self.size if self.masks else (*self.size, 3)
+
+
+def open_masks(path: str | Path) -> Video:
+    """Look through a film of masks or a folder of pictures of them; as `open_video`."""
+    path = Path(path)
+    return (
+        _open_folder(path, masks=True) if path.is_dir() else replace(open_video(path), masks=True)
+    )
 
 
 def open_video(path: str | Path) -> Video:
@@ -118,7 +134,7 @@ def read_frames(video: Video, start: int, end: int) -> NDArray[np.uint8]:
     Returns
     -------
     (time, row, column, 3) uint8
-        RGB; the same frames, bit for bit, however the film is cut.
+        RGB, of masks (time, row, column); the same frames, bit for bit, however the film is cut.
 
     Raises
     ------
@@ -132,7 +148,7 @@ def read_frames(video: Video, start: int, end: int) -> NDArray[np.uint8]:
             f"frames {start} to {end} are asked of {video.path}, which has {video.frames}; "
             "ask for a range within them"
         )
-    frames = np.empty((end - start, *video.size, 3), np.uint8)
+    frames = np.empty((end - start, *video.frame_shape), np.uint8)
     for into, frame in zip(frames, _frames_from(video, start, end), strict=True):
         into[:] = frame
     return frames
@@ -164,7 +180,7 @@ def read_blocks(
     start : int
         The first frame of the block.
     frames : list of (time, row, column, 3) uint8
-        RGB, an array a film; the caller may keep it.
+        RGB, an array a film, of masks (time, row, column); the caller may keep it.
 
     Raises
     ------
@@ -199,9 +215,32 @@ def read_blocks(
             source.close()
 
 
+def pick_frames(video: Video, numbers: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
+    """Yield some frames of a film, in ascending order of their numbers.
+
+    Between two of them the film is decoded on, or left where a key frame is nearer to the next.
+
+    Raises
+    ------
+    InputError
+        A frame cannot be decoded.
+    """
+    keys = [key.frame for key in video.keys]
+    source, at = None, 0
+    for n in numbers:
+        if source is None or any(at < key <= n for key in keys) or (video.pictures and n > at):
+            if source is not None:
+                source.close()
+            source, at = _frames_from(video, n, numbers[-1] + 1), n
+        yield next(islice(source, n - at, None))
+        at = n + 1
+    if source is not None:
+        source.close()
+
+
 def _take(source: Iterator[Any], video: Video, count: int) -> NDArray[np.uint8]:
     """Return the next frames of a film."""
-    frames = np.empty((count, *video.size, 3), np.uint8)
+    frames = np.empty((count, *video.frame_shape), np.uint8)
     for n in range(count):
         frames[n] = next(source)
     return frames
@@ -228,11 +267,12 @@ def _open_file(path: Path, _state: tuple[int, int, int]) -> Video:
     )  # fmt: skip
 
 
-def _open_folder(path: Path) -> Video:
+def _open_folder(path: Path, *, masks: bool = False) -> Video:
     numbered: dict[int, Path] = {}
+    suffixes = MASK_SUFFIXES if masks else PICTURE_SUFFIXES
     for picture in sorted(path.iterdir()):
         number = re.search(r"(\d+)$", picture.stem)
-        if picture.suffix.lower() not in PICTURE_SUFFIXES or picture.name.startswith("."):
+        if picture.suffix.lower() not in suffixes or picture.name.startswith("."):
             continue
         if number is None:
             raise InputError(f"{picture} has no number at the end of its name; number its frames")
@@ -253,13 +293,13 @@ def _open_folder(path: Path) -> Video:
             "the pictures are taken as following each other.",
         )
     pictures = tuple(numbered[number] for number in order)
-    size = _read_picture(pictures[0]).shape[:2]
-    return Video(path, len(pictures), size, None, notes, (), (), pictures)
+    size = _read_picture(pictures[0], masks=masks).shape[:2]
+    return Video(path, len(pictures), size, None, notes, (), (), pictures, masks=masks)
 
 
-def _read_picture(path: Path) -> NDArray[np.uint8]:
+def _read_picture(path: Path, *, masks: bool) -> NDArray[np.uint8]:
     try:
-        return decode_picture(path)
+        return decode_mask(path) if masks else decode_picture(path)
     except InputError as error:
         raise InputError(
             f"{path} is not a picture that can be read; write it again as PNG or JPEG ({error})"
@@ -280,14 +320,14 @@ def _frames_from(video: Video, start: int, end: int) -> Generator[NDArray[np.uin
 
 def _pictures(video: Video, start: int, end: int) -> Iterator[NDArray[np.uint8]]:
     for picture in video.pictures[start:end]:
-        yield _read_picture(picture)
+        yield _read_picture(picture, masks=video.masks)
 
 
 def _decoded(video: Video, start: int, end: int) -> Iterator[NDArray[np.uint8]]:
     """Yield the frames of a file from `start` on."""
     if start == end:
         return
-    read = RgbReader()
+    read = MaskReader() if video.masks else RgbReader()
     if video.fields:  # the filter looks at the neighbors of each frame
         before = min(start, 1)
         frames = _checked(video, start - before, min(end + 1, video.frames))

@@ -13,6 +13,7 @@ from storage.formats.capture.capture_toml import Volume
 from storage.formats.capture.initial import write_initial
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
+from storage.recordings import digest_capture
 from tasks.studio.filming import stretch_arms_first
 from tests.conftest import swaying_body
 from tests.figures import calibration_files as files
@@ -205,6 +206,28 @@ def initial_of(frame):
     )
 
 
+def with_masks(spoil=None, *, size=(640, 480), frames=FRAMES):
+    """Put masks into a capture in place of backgrounds, then spoil it."""
+
+    def change(folder):
+        shutil.rmtree(folder / "background")
+        (folder / "silhouettes").mkdir()
+        for name in NAMES:
+            film(folder / "silhouettes" / f"{name}.mp4", size=size, frames=frames)
+        if spoil:
+            spoil(folder)
+
+    return change
+
+
+def gap_in_masks(folder):
+    path = folder / "silhouettes" / "2"
+    path.with_suffix(".mp4").unlink()
+    path.mkdir()
+    for number in (*range(5), *range(6, FRAMES)):
+        write_png(path / f"{number}.png", np.zeros((480, 640, 3), np.uint8))
+
+
 def gap_in_pictures(folder):
     (folder / "videos" / "2.mp4").unlink()
     (folder / "videos" / "2").mkdir()
@@ -219,7 +242,6 @@ FAULTS = {
         remove("background/side.png"), "camera 'side' has no background in `background`",
     ),
     "no videos": (remove("videos"), "there is no folder `videos` with a video a camera"),
-    "no backgrounds": (remove("background"), "there is no folder `background`"),
     "no calibration": (remove("calibration.toml"), "there is no calibration: put it there as"),
     "two calibrations": (
         lambda folder: files.write_panoptic(folder, rig()),
@@ -265,6 +287,37 @@ FAULTS = {
         lambda folder: write_png(folder / "background/2.png", np.zeros((240, 320, 3), np.uint8)),
         "camera '2': its background is 320x240, its video 640x480; film the background",
     ),
+    "no masks of a camera": (
+        with_masks(remove("silhouettes/2.mp4")), "camera '2' has no mask in `silhouettes`: name",
+    ),
+    "masks of no kind": (
+        with_masks(
+            lambda folder: (folder / "silhouettes/2.mp4").rename(folder / "silhouettes/2.gif")
+        ),
+        "'2.gif' is of no kind that is read (.mp4",
+    ),
+    "masks of another size": (
+        with_masks(lambda folder: film(folder / "silhouettes/2.mp4", size=(320, 240))),
+        "camera '2': its masks are 320x240, its video 640x480; make them of the frames as they",
+    ),
+    "masks of another count": (
+        with_masks(lambda folder: film(folder / "silhouettes/2.mp4", frames=FRAMES - 1)),
+        "camera '2' has 11 masks for the 12 frames of its video; bring one for each frame",
+    ),
+    "a mask is missing": (
+        with_masks(gap_in_masks), "camera '2' has 11 masks (1 numbers are missing among the pict",
+    ),
+    "masks that are no film": (
+        with_masks(lambda folder: (folder / "silhouettes/2.mp4").write_bytes(b"no film" * 99)),
+        "2.mp4 cannot be ",
+    ),
+    "a mask that is no picture": (
+        with_masks(
+            lambda folder: gap_in_masks(folder)
+            or (folder / "silhouettes/2/0.png").write_bytes(b"\x89PNG no")
+        ),
+        "0.png is not a picture that can be read",
+    ),
     "too short": (
         lambda folder: film(folder / "videos/2.mp4", frames=8),
         "unequal length: '2' 8, the others 12 frames; at most 3 (0.1 s) may be missing",
@@ -309,6 +362,46 @@ def test_a_fault_is_named_and_no_other(folder, fault):
     spoil(folder)
     (line,) = faults(folder)
     assert message in line
+
+
+def test_masks_stand_for_backgrounds(folder):
+    with_masks()(folder)
+    gap_in_masks(folder)
+    write_png(folder / "silhouettes/2/5.png", np.zeros((480, 640, 3), np.uint8))
+    capture = read_capture(folder)
+    assert capture.backgrounds == ()
+    names = ("01.mp4", "2", "side.mp4")
+    assert capture.masks == tuple(folder / "silhouettes" / name for name in names)
+
+
+def test_of_masks_and_backgrounds_the_masks_are_taken_and_that_is_said(folder):
+    before = read_capture(folder)
+    shutil.copytree(folder / "background", folder / "kept")
+    with_masks()(folder)
+    (folder / "kept").rename(folder / "background")
+    capture = read_capture(folder)
+    assert (capture.backgrounds, len(capture.masks)) == ((), 3)
+    [note] = set(capture.notes) - set(before.notes)
+    assert note == (
+        "The capture has masks in `silhouettes` and pictures in `background`: the masks were taken."
+    )
+
+
+def test_a_capture_is_read_without_either_and_what_is_missing_is_said_with_other_faults(folder):
+    shutil.rmtree(folder / "background")
+    capture = read_capture(folder)
+    assert (capture.backgrounds, capture.masks) == ((), ())
+    edit(folder, "1.58", "158")
+    lines = faults(folder)
+    assert len(lines) == 2
+    assert lines[1].startswith("nothing tells the performer from the stage: there is no folder `ba")
+
+
+def test_masks_are_content(folder):
+    with_masks()(folder)
+    before = digest_capture(folder)
+    film(folder / "silhouettes/2.mp4", frames=FRAMES + 1)
+    assert digest_capture(folder) != before
 
 
 def test_all_faults_are_named_at_once_a_line_each(folder):

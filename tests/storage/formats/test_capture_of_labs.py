@@ -105,13 +105,13 @@ def test_a_backup_beside_the_calibration_is_left_out_with_a_word(folder):
 
 
 def test_a_folder_that_means_nothing_is_named(folder):
-    for name in ("silhouettes", ".thumbnails", "calibration"):
+    for name in ("masks", ".thumbnails", "calibration"):
         (folder / name).mkdir()
     with pytest.raises(InputError, match="more than one calibration"):
         read_capture(folder)
     (folder / "calibration").rmdir()
     [note] = [note for note in read_capture(folder).notes if "means nothing here" in note]
-    assert note.startswith("The capture has the folder 'silhouettes', which means nothing here")
+    assert note.startswith("The capture has the folder 'masks', which means nothing here")
 
 
 def test_films_of_a_kind_that_is_not_read_are_named(folder):

@@ -1,6 +1,5 @@
-"""Tests of what the stages read of a capture: ranges of frames, films, backgrounds."""
+"""Tests of what the stages read of a capture: ranges of frames, films and masks."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -36,18 +35,6 @@ def test_films_come_in_order_each_frame_once_however_they_are_cut(capture, held,
     for camera, film in enumerate(whole):
         together = np.concatenate([films[camera] for _, films in parts])
         np.testing.assert_array_equal(together, film[3:20])
-
-
-def test_a_background_is_kept_until_its_picture_changes(tmp_path):
-    picture = tmp_path / "cam1.png"
-    read = []
-    for level in (70, 70, 90):
-        if level == 90 or not read:
-            cv2.imwrite(str(picture), np.full((6, 8, 3), level, np.uint8))
-        read.append(capture_films._read_background(picture))
-    assert read[0] is read[1]
-    assert (read[0].color == 70).all()
-    assert (read[2].color == 90).all()
 
 
 def test_no_frame_is_read_of_an_empty_range(capture):

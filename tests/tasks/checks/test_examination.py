@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flows.command.main import main
+from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import VIDEO_SUFFIXES, open_video, read_frames
 from tasks.checks.examination import _names_apart
 from tasks.checks.pictures import draw_silhouette
@@ -36,6 +37,24 @@ def filmed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("filmed") / "sway"
     film_capture(folder, track, 30.0, cameras=cameras, settings=FilmSettings(), seed=2)
     return folder
+
+
+@pytest.fixture(scope="module")
+def truth(filmed):
+    """The true silhouettes (time, camera, row, column)."""
+    with np.load(filmed.with_name("sway_truth.npz")) as arrays:
+        columns = arrays["mask_shape"][-1]
+        return np.unpackbits(arrays["masks"], axis=-1, count=columns).astype(bool)
+
+
+def bring_masks(capture, masks):
+    """Put masks (time, camera, row, column) uint8 into a capture in place of its backgrounds."""
+    shutil.rmtree(capture / "background")
+    for c in range(masks.shape[1]):
+        folder = capture / "silhouettes" / f"cam{c + 1}"
+        folder.mkdir(parents=True)
+        for n, mask in enumerate(masks[:, c]):
+            cv2.imwrite(str(folder / f"{n}.png"), mask)
 
 
 @pytest.fixture
@@ -177,6 +196,71 @@ def test_captures_of_one_name_have_folders_of_their_own(capture, capsys, tmp_pat
     folders = [line for line in capsys.readouterr().out.splitlines() if "pictures: " in line]
     assert folders == ["pictures: sway-doctor", "pictures: other-Sway-doctor"]
     assert all(len(list((tmp_path / line[10:]).iterdir())) == 5 for line in folders)
+
+
+@pytest.mark.slow
+def test_masks_are_reported_as_what_was_found_is(capture, truth, capsys, tmp_path):
+    bring_masks(capture, truth * np.uint8(255))
+    assert main(["doctor", str(capture)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    shares = [float(line.split()[3][:-1]) / 100 for line in lines[2:7]]
+    frames = np.linspace(0, 104, 8).round().astype(int)
+    np.testing.assert_allclose(shares, truth[frames].mean(axis=(0, 2, 3)), atol=0.0006)
+    assert lines[-1] == "ok"
+    assert len(list((tmp_path / "sway-doctor").iterdir())) == 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda masks: 255 - masks, "are inverted: white, as the performer should be, is 9"),
+        (lambda masks: masks * 0, "sees nobody in any of the frames looked at, and 0 cameras are"),
+    ],
+    ids=["inverted", "empty"],
+)
+def test_masks_that_cannot_be_right_are_never_ok(capture, truth, capsys, change, said):
+    bring_masks(capture, change(truth * np.uint8(255)))
+    assert main(["doctor", str(capture)]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert "ok" not in lines
+    assert any(line.startswith("BAD ") and said in line for line in lines)
+
+
+def test_a_capture_in_which_nothing_tells_the_performer_says_what_would(capture, capsys):
+    shutil.rmtree(capture / "background")
+    assert main(["doctor", str(capture)]) == 3
+    assert 'write background = "film", or the key color of a screen' in capsys.readouterr().err
+    (capture / "digitize.toml").write_text('[silhouettes]\nkey = "greenish"\n')
+    assert main(["doctor", str(capture)]) == 3
+    assert "silhouettes: key is 'greenish', it must be \"auto\" or a color" in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ['background = "film"', 'key = "auto"'])
+def test_without_an_empty_stage_it_is_found_in_the_films(capture, truth, capsys, how):
+    shutil.rmtree(capture / "background")
+    (capture / "digitize.toml").write_text(f"[silhouettes]\n{how}\n")
+    assert main(["doctor", str(capture)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    shares = [float(line.split()[3][:-1]) / 100 for line in lines[2:7]]
+    frames = np.linspace(0, 104, 8).round().astype(int)
+    np.testing.assert_allclose(shares, truth[frames].mean(axis=(0, 2, 3)), atol=0.003)
+    assert any("The backgrounds were found in the films" in line for line in lines)
+
+
+@pytest.mark.slow
+def test_a_performer_who_stands_in_the_backgrounds_is_named(capture, capsys):
+    for number in range(5):
+        film = film_of(capture, number)
+        shown = read_frames(open_video(film), 70, 71)[0]
+        write_png(capture / "background" / f"{film.stem}.png", shown)
+    assert main(["doctor", str(capture)]) == 3
+    said = capsys.readouterr().out
+    assert "BAD the performer, or something that is not in the film, stands in the backgr" in said
+    assert "ok" not in said.splitlines()
 
 
 def test_names_of_captures_are_told_apart():

@@ -1,0 +1,81 @@
+"""Whether what silhouettes carve can be one performer: large enough, and not two."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.checks.bounds import parts_of
+from tasks.checks.telling import By
+
+_LEAST_M3 = 0.006
+"""How large the hull of a performer is at least [m³]. The smallest of nine rendered ones, of a
+child of 1.15 m, has 0.025, and a hull is larger than the body; chosen, not measured."""
+_SECOND = 0.35
+"""How large a second body is at least [share of the first]. A child beside an adult is more, a
+chair or a large fan mostly less; chosen, not measured."""
+_BODY_M = 0.6
+"""How high a body is at least [m]. Somebody who sits on the floor; chosen, not measured."""
+_OF_FRAMES = 0.5
+"""In how many of the frames looked at two are seen where there are two [share]."""
+
+
+def judge_bodies(
+    hulls: Sequence[NDArray[np.float64]], voxel_m: float, by: By
+) -> tuple[list[str], list[str]]:
+    """Return what says that hulls are not those of one performer: faults, and what is to be known.
+
+    Parameters
+    ----------
+    hulls : sequence of (voxel, 3) float64
+        Centers of the voxels in the volume, a frame each, m.
+    voxel_m
+        Edge of a voxel.
+    by
+        What told the performer from the stage.
+    """
+    seen = [hull for hull in hulls if len(hull)]
+    if not seen:
+        return [], []
+    faults, notes = [], []
+    size_m3 = float(np.median([len(hull) for hull in seen])) * voxel_m**3
+    if size_m3 < _LEAST_M3:
+        why = {
+            "background": "the performer stands in the backgrounds, or has their colors",
+            "film": "the performer does not leave his place, and is taken for the stage; bring a "
+            "picture of the empty stage, or masks",
+            "key": "most of the performer has the color of the screen",
+            "mask": "the masks lack most of the performer",
+        }[by]  # fmt: skip
+        faults.append(
+            f"what the silhouettes carve is {1000 * size_m3:.1f} liters in the median of the "
+            f"frames, and no body is below {1000 * _LEAST_M3:.0f}: {why}, or the unit of the "
+            "calibration is another"
+        )
+    apart = [two for hull in seen if (two := _two_bodies(hull, voxel_m)) is not None]
+    if len(apart) >= max(_OF_FRAMES * len(seen), 1):
+        said = (
+            f"two bodies are seen in {len(apart)} of {len(seen)} frames, "
+            f"{np.median(apart):.1f} m apart"
+        )
+        if by == "mask":
+            faults.append(f"{said}: the masks are of two people; make masks of one performer")
+        else:
+            notes.append(
+                f"{said[0].upper()}{said[1:]}: one of them is not the performer, and is to get the "
+                "label 0; look at the labels, or make the volume smaller."
+            )
+    return faults, notes
+
+
+def _two_bodies(hull: NDArray[np.float64], voxel_m: float) -> float | None:
+    """Return how far the middles of two bodies are apart; None where there is one."""
+    part = parts_of(hull, voxel_m)
+    size = np.bincount(part)
+    order = np.argsort(size)[::-1][:2]
+    if len(order) < 2 or size[order[1]] < _SECOND * size[order[0]]:
+        return None
+    bodies = [hull[part == n] for n in order]
+    if min(float(np.ptp(body[:, 1])) for body in bodies) < _BODY_M:
+        return None
+    return float(np.linalg.norm(bodies[0].mean(axis=0) - bodies[1].mean(axis=0)))

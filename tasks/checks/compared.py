@@ -1,0 +1,184 @@
+"""The silhouettes of the few frames of a take that are compared, and what told them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from storage.archive import Archive
+from storage.blocks import Block, read_block
+from storage.formats.capture.capture import Capture
+from storage.formats.pictures.video import open_masks, pick_frames
+from tasks.capture.backgrounds import Background, measure_gain, smooth
+from tasks.capture.empty_stages import check_telling, read_backgrounds
+from tasks.capture.films import compared_frames, largest_image, of_camera, projection_of
+from tasks.capture.tangency import Touches, join_touches, touches_of
+from tasks.checks.telling import By, Telling, told_by
+from tasks.reconstruction.regions.masks import mask_facts, silhouettes_of
+from tasks.reconstruction.regions.stale_outlines import stale_outline
+from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What is compared of a capture that is examined."""
+
+    silhouettes: NDArray[np.bool_]
+    """(time, camera, row, column)."""
+    telling: Telling
+    gains: tuple[float, ...]
+    """Of each camera, how many times as bright as its background its film is; 1 with masks."""
+    behind: tuple[NDArray[np.uint8], ...]
+    """(row, column, 3) of each camera, its background; with masks a frame of its film."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seeing:
+    """How silhouettes are found in the films of a capture that is examined."""
+
+    by: By
+    backgrounds: list[Background]
+    """Of each camera; none with masks."""
+    settings: SilhouetteSettings
+
+    def silhouettes(
+        self, camera: int, frames: NDArray[np.uint8], masks: NDArray[np.uint8] | None
+    ) -> NDArray[np.bool_]:
+        """Return (time, row, column) silhouettes of a camera in frames, or of their masks."""
+        if masks is not None:
+            return silhouettes_of(masks)
+        return extract_silhouettes(frames, self.backgrounds[camera], self.settings)
+
+
+def prepare_seeing(capture: Capture, settings: SilhouetteSettings) -> Seeing:
+    """Return how silhouettes are found in a capture.
+
+    Parameters
+    ----------
+    capture
+        Its files.
+    settings
+        What tells the performer from the stage, and how.
+
+    Raises
+    ------
+    InputError
+        If nothing does, or a background cannot be read; its camera is named.
+    """
+    check_telling(capture, settings.background, settings.key)
+    by = told_by(capture, settings.background, settings.key)
+    if by == "mask":
+        return Seeing(by, [], settings)
+    backgrounds = read_backgrounds(capture, settings.background, settings.key)
+    return Seeing(by, backgrounds, settings)
+
+
+def see_silhouettes(
+    capture: Capture, frames: Sequence[NDArray[np.uint8]], numbers: Sequence[int], seeing: Seeing
+) -> Compared:
+    """Return the silhouettes of some frames of a capture.
+
+    Parameters
+    ----------
+    capture
+        With its films.
+    frames : sequence of (time, row, column, 3) uint8
+        Of each camera.
+    numbers
+        Which frames of the take they are, ascending.
+    seeing
+        How silhouettes are found in them.
+
+    Raises
+    ------
+    InputError
+        If masks cannot be read; their camera is named.
+    """
+    rows, columns = (max(each.shape[axis] for each in frames) for axis in (1, 2))
+    silhouettes = np.zeros((len(numbers), len(frames), rows, columns), np.bool_)
+    if seeing.by == "mask":
+        facts = np.stack([_see_masks(capture, c, numbers, silhouettes) for c in range(len(frames))])
+        telling = Telling(seeing.by, masks=facts.swapaxes(0, 1))
+        shown = tuple(each[0] for each in frames)
+        return Compared(silhouettes, telling, (1.0,) * len(frames), shown)
+    backgrounds = seeing.backgrounds
+    stale = np.zeros_like(silhouettes)
+    gains = []
+    for c, (film, background) in enumerate(zip(frames, backgrounds, strict=True)):
+        room = np.s_[:, c, : film.shape[1], : film.shape[2]]
+        silhouettes[room] = seeing.silhouettes(c, film, None)
+        found = zip(silhouettes[room], film, strict=True)
+        stale[room] = [stale_outline(each, frame, background.color) for each, frame in found]
+        gains.append(float(np.median([measure_gain(smooth(frame), background) for frame in film])))
+    telling = Telling(
+        seeing.by, stale=stale, sure=[each.sure for each in backgrounds],
+        keys=[each.key for each in backgrounds],
+    )  # fmt: skip
+    behind = tuple(each.color.round().astype(np.uint8) for each in backgrounds)
+    return Compared(silhouettes, telling, tuple(gains), behind)
+
+
+def _see_masks(
+    capture: Capture, camera: int, numbers: Sequence[int], silhouettes: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Write the silhouettes of a camera's masks; return what tells whether they are masks."""
+
+    def read() -> NDArray[np.uint8]:
+        in_film = [capture.first_frames[camera] + number for number in numbers]
+        return np.stack(list(pick_frames(open_masks(capture.masks[camera]), in_film)))
+
+    masks = of_camera(capture.cameras[camera], read)
+    silhouettes[:, camera, : masks.shape[1], : masks.shape[2]] = silhouettes_of(masks)
+    return np.stack([mask_facts(mask) for mask in masks])
+
+
+def read_silhouettes(
+    opened: Archive, source: Capture, blocks: Sequence[Block], by: By, step: int
+) -> tuple[NDArray[np.bool_], Telling, Touches]:
+    """Return the silhouettes that are compared, what told them, and where all are touched.
+
+    Parameters
+    ----------
+    opened, source
+        Where the blocks are, and the capture.
+    blocks
+        What `extract_block` wrote, in the order of the frames.
+    by
+        What told the performer from the stage.
+    step
+        How many frames are between those whose touches are looked for.
+
+    Returns
+    -------
+    silhouettes : (time, camera, row, column) bool
+    telling
+        In the frames of the silhouettes.
+    touches
+        Of each `step`-th frame of the take.
+    """
+    compared = np.array(compared_frames(source.frames))
+    projection = projection_of(source.cameras)
+    _, columns = largest_image(source.cameras)
+    parts: dict[str, list[NDArray]] = {"silhouette": [], "stale": [], "masks": []}
+    sure: list[float] = []
+    touches: list[Touches] = []
+    for block in blocks:
+        inside = compared[(compared >= block.start) & (compared < block.end)] - block.start
+        held = read_block(opened.place, block, [*parts, "sure"] if len(inside) else ["silhouette"])
+        bits = held["silhouette"]
+        touches.append(touches_of(bits[-block.start % step :: step], projection))
+        if len(inside):
+            sure = held["sure"].tolist()
+            held["silhouette"] = bits[inside]
+            for name, those in parts.items():
+                those.append(held[name])
+    silhouettes, stale = (
+        np.unpackbits(np.concatenate(parts[name]), axis=-1, count=columns).astype(np.bool_)
+        for name in ("silhouette", "stale")
+    )
+    if by == "mask":
+        telling = Telling(by, masks=np.concatenate(parts["masks"]))
+    else:
+        telling = Telling(by, stale=stale, sure=sure)
+    return silhouettes, telling, join_touches(touches)

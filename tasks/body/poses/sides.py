@@ -30,7 +30,7 @@ frame to frame."""
 Limbs = tuple[Limb, ...]
 
 
-def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_]]:
+def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_], Floats]:
     """Return the fits with right and left limbs exchanged where this explains the voxels better.
 
     Parameters
@@ -45,9 +45,13 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
     fits : list of Fit
     unsure : (time, 2) bool
         True where right and left hand, or right and left foot, could be exchanged.
+    gains : (time, 2) float64
+        How much likelier the frame's stretch would be the other way round than it is [mean
+        logarithm of the likelihoods of voxels]; NaN where the pair is together.
     """
     kept, margin = list(fits), take.settings.side_margin
     unsure = np.zeros((len(kept), len(_PAIRS)), bool)
+    gains = np.full(unsure.shape, np.nan)
     for pair, (limbs, cues) in enumerate(_PAIRS):
         at = np.stack([middles(take.model, fit.pose) for fit in kept])
         ends = at[:, [limb.end for limb in limbs]]
@@ -55,7 +59,8 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
             count = max(take.settings.side_frames, round((last - first) / take.rate_hz))
             looked = np.unique(np.linspace(first, last - 1, count).astype(int))
             tried = _exchange(take, kept, limbs, ends, looked)
-            if _gain(kept, tried) < -margin:
+            gains[first:last, pair] = gain = _gain(kept, tried)
+            if gain < -margin:
                 continue
             crossed = _with_cues_exchanged(take.part(first, last), cues)
             frames = range(last - first)
@@ -64,9 +69,10 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
             other = settle(crossed, merge(crossed, there, back))
             gain = _gain(kept[first:last], dict(enumerate(other)))
             unsure[first:last, pair] = gain < margin
+            gains[first:last, pair] = -abs(gain)
             if gain > 0:
                 kept[first:last] = other
-    return kept, unsure
+    return kept, unsure, gains
 
 
 def _stretches(take: Fitting, ends: Floats) -> list[tuple[int, int]]:

@@ -24,7 +24,9 @@ from tasks.body.anatomy.nearest_bones import label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.segments import ORIGINS, local_systems
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.doubt.evidence import gather_evidence
+from tasks.body.doubt.probability import tell_doubt
+from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
 from tasks.body.extremities.places import (
     Extremities,
     ExtremitySettings,
@@ -34,7 +36,7 @@ from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.body.paper_method import Start, fit_as_paper
-from tasks.body.poses.joint import fit_poses, fitted_blobs
+from tasks.body.poses.joint import FittedPoses, fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
 from tasks.body.poses.passes import JointMethodSettings
 from tasks.capture.films import grid_of
@@ -98,7 +100,8 @@ def fit_take(
     Written
         The arrays are `joint` (time, 21, 3) and `position` (time, 11, 3), m, `rotation`
         (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,), why it is so as of
-        `find_doubts`, of the method `joint` also `hands_unsure` and `feet_unsure` (time,) bool,
+        `find_doubts`, of the method `joint` also `doubt` (time, 11) as of `settle_doubt`,
+        `hands_unsure` and `feet_unsure` (time,) bool,
         what labels voxels (of `joint` the body's fields, and `turn` and `shift` a frame; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
         with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
@@ -120,17 +123,24 @@ def fit_take(
         )  # fmt: skip
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
-            arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
+            arrays, blobs, fitted = _fit_jointly(
+                frames, start, seen, source.initial, settings.joint
+            )
         else:
             rule = provisional or ProvisionalSettings()
             arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
             blobs = list(zip(arrays["blob_mean"], arrays["blob_inverse"], strict=True))
+            fitted = None
     with within(_FITTED, 1.0):
         arrays |= find_doubts(
             frames, arrays["doubtful"], blobs, seen.position[:, 1:], source.fps,
             initial_frame=start.frame, confidence=float(first["confidence"]),
             settings=settings.doubts,
         )  # fmt: skip
+        if fitted:
+            evidence = gather_evidence(fitted, seen.candidates)
+            doubt = tell_doubt(evidence, source.fps)
+            arrays |= settle_doubt(doubt, fitted.quality, arrays, settings.doubts)
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -179,7 +189,7 @@ class _Hulls(Sequence[VoxelRuns]):
 def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
     settings: JointMethodSettings,
-) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
+) -> tuple[dict[str, NDArray], Blobs, FittedPoses]:  # fmt: skip
     """Fit all segments of all frames at once."""
     fitted = fit_poses(
         _Hulls(frames),
@@ -218,7 +228,7 @@ def _fit_jointly(
         "shift": shift,
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
-    return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
+    return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))], fitted
 
 
 def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> JointMethodSettings:

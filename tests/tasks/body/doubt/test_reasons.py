@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.doubt.reasons import DoubtSettings, find_doubts
 from tests.figures.box_frames import Frames
 
 

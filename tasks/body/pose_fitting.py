@@ -24,9 +24,8 @@ from tasks.body.anatomy.nearest_bones import label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.segments import ORIGINS, local_systems
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.body.doubt.evidence import gather_evidence
-from tasks.body.doubt.probability import tell_doubt
 from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
+from tasks.body.doubt.repair import doubt_and_repair
 from tasks.body.extremities.places import (
     Extremities,
     ExtremitySettings,
@@ -36,7 +35,7 @@ from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.body.paper_method import Start, fit_as_paper
-from tasks.body.poses.joint import FittedPoses, fit_poses, fitted_blobs
+from tasks.body.poses.joint import fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
 from tasks.body.poses.passes import JointMethodSettings
 from tasks.capture.films import grid_of
@@ -123,24 +122,19 @@ def fit_take(
         )  # fmt: skip
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
-            arrays, blobs, fitted = _fit_jointly(
-                frames, start, seen, source.initial, settings.joint
-            )
+            arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
         else:
             rule = provisional or ProvisionalSettings()
             arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
             blobs = list(zip(arrays["blob_mean"], arrays["blob_inverse"], strict=True))
-            fitted = None
     with within(_FITTED, 1.0):
         arrays |= find_doubts(
             frames, arrays["doubtful"], blobs, seen.position[:, 1:], source.fps,
             initial_frame=start.frame, confidence=float(first["confidence"]),
             settings=settings.doubts,
         )  # fmt: skip
-        if fitted:
-            evidence = gather_evidence(fitted, seen.candidates)
-            doubt = tell_doubt(evidence, source.fps)
-            arrays |= settle_doubt(doubt, fitted.quality, arrays, settings.doubts)
+        if "doubt" in arrays:
+            arrays |= settle_doubt(arrays["doubt"], arrays["quality"], arrays, settings.doubts)
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -189,7 +183,7 @@ class _Hulls(Sequence[VoxelRuns]):
 def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
     settings: JointMethodSettings,
-) -> tuple[dict[str, NDArray], Blobs, FittedPoses]:  # fmt: skip
+) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
     fitted = fit_poses(
         _Hulls(frames),
@@ -202,6 +196,7 @@ def _fit_jointly(
         settings=_hold_given_joints(given, settings),
         **cues_of(seen),
     )
+    fitted, doubt = doubt_and_repair(fitted, seen.candidates)
     index = frames.index(start.frame)
     center = voxel_centers(frames.grid, index)
     joints = dict(zip(JOINTS, fitted.initial, strict=True))  # where bones were seen to turn
@@ -221,6 +216,7 @@ def _fit_jointly(
         "position": fitted.position[:, _ORIGIN],
         "rotation": fitted.rotation @ axes,
         "quality": fitted.quality,
+        "doubt": doubt,
         "doubtful": fitted.doubtful | fitted.unsure_sides.any(axis=1),
         "hands_unsure": fitted.unsure_sides[:, 0],
         "feet_unsure": fitted.unsure_sides[:, 1],
@@ -228,7 +224,7 @@ def _fit_jointly(
         "shift": shift,
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
-    return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))], fitted
+    return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
 
 
 def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> JointMethodSettings:

@@ -120,6 +120,13 @@ class Account:
     exchange_gains: Floats
     """(time, 2) how much likelier arms, or legs, would be exchanged, as of `sides.tell_sides`."""
 
+    def part(self, first: int, last: int) -> "Account":
+        """Return the frames from `first` to before `last` as a take of their own."""
+        there, back = self.passes
+        own = slice(first, last)
+        take = self.take.part(first, last)
+        return Account(take, (there[own], back[own]), self.fits[own], self.exchange_gains[own])
+
 
 def fit_poses(
     hulls: Sequence[VoxelRuns],
@@ -208,7 +215,7 @@ def fit_poses(
     with within(_SETTLED, 1.0):
         fits, unsure, gains = tell_sides(take, fits)
     account = Account(take, (tuple(first), tuple(again)), tuple(fits), gains)
-    return _describe(account, unsure, position, model.origin)
+    return describe_fits(account, unsure, position, model.origin)
 
 
 def _follow_both_ways(take: Fitting, initial_frame: int, rest: Pose) -> list[Fit]:
@@ -244,12 +251,21 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
     return place_model(fitted.model, fitted.poses[frame])
 
 
-def _describe(
+def describe_fits(
     account: Account, unsure: NDArray[np.bool_], placed: Floats, origin: Floats
 ) -> FittedPoses:
     """Return the poses of a take's fits, with the joints of the archive.
 
-    `placed` (21, 3) and `origin` (bone, 3) are the joints before they were moved, m.
+    Parameters
+    ----------
+    account
+        What was fitted, and the fits.
+    unsure : (time, 2) bool
+        True where arms, or legs, could be exchanged.
+    placed : (21, 3) float64
+        Joints of the initial model before the bones' joints were moved, m.
+    origin : (bone, 3) float64
+        The bones' joints before they were moved, m.
     """
     take, fits = account.take, account.fits
     model = take.model

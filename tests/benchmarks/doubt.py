@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 from flows import chain
 from storage.blocks import read_block
 from storage.errors import InputError
+from storage.schema import SEGMENTS
 from tasks.body import pose_fitting
 from tasks.body.doubt import weights as weights_module
+from tasks.body.doubt.evidence import gather_evidence
 from tasks.body.doubt.probability import tell_doubt
 from tasks.body.doubt.reasons import DoubtSettings
 from tasks.settings import Settings
@@ -46,6 +48,13 @@ SHARED = (
 )
 """The shared captures. Nothing is fitted on them."""
 
+_NO_DOUBT = np.zeros((1, len(SEGMENTS)), np.float32)
+"""In place of a doubt that is not asked for."""
+
+MOSTLY = 0.5
+"""A capture of which other reasons name a larger share of frames teaches nothing of limbs: its body
+was badly measured, and all of it is doubtful."""
+
 BINS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.0)
 """Between which doubts reliability is told [probability]."""
 
@@ -55,13 +64,19 @@ def data_folder() -> Path:
     return Path(os.environ.get("SHOSA_DATA", Path.cwd().parent / "shared" / "data"))
 
 
-def lesson_of(folder: Path, name: str, capture: Path) -> tuple[Lesson, NDArray[np.bool_]] | None:
-    """Return what a capture teaches and its doubtful frames, made once; None without a pose."""
+def lesson_of(
+    folder: Path, name: str, capture: Path, *, repaired: bool = True
+) -> tuple[Lesson, NDArray[np.bool_]] | None:
+    """Return what a capture teaches and what other reasons name, made once; None without a pose.
+
+    Weights are learned from poses as they are before doubtful ones are repaired by them.
+    """
     kept = folder / "evidence" / f"{name}.npz"
     kept.parent.mkdir(parents=True, exist_ok=True)
     if not kept.exists():
         try:
-            made = _digitize(voxels_of(folder, name, capture, _truth_of(capture)), capture)
+            voxels = voxels_of(folder, name, capture, _truth_of(capture))
+            made = _digitize(voxels, capture, repaired=repaired)
         except InputError as error:
             say(f"{name}: no pose: {error}")
             return None
@@ -77,16 +92,17 @@ def _truth_of(capture: Path) -> Path:
     return capture.with_name(f"{capture.name}_truth.npz")
 
 
-def _digitize(voxels: Voxels, capture: Path) -> dict[str, Any]:
+def _digitize(voxels: Voxels, capture: Path, *, repaired: bool) -> dict[str, Any]:
     """Return the evidence of a take, its errors, its rate, and which frames other reasons name."""
     gathered: dict[str, Any] = {}
-    gather = pose_fitting.gather_evidence
+    repair = pose_fitting.doubt_and_repair
 
-    def remember(*arguments: Any) -> Any:
-        gathered.update(gather(*arguments))
-        return gathered
+    def remember(fitted: Any, candidates: Any) -> Any:
+        found, doubt = repair(fitted, candidates) if repaired else (fitted, _NO_DOUBT)
+        gathered.update(gather_evidence(found, candidates))
+        return found, doubt
 
-    with patch.object(pose_fitting, "gather_evidence", remember):
+    with patch.object(pose_fitting, "doubt_and_repair", remember):
         blocks = chain.make_poses(
             voxels.archive, voxels.recording, voxels.blocks, Settings(),
             run=lambda function, **parameters: function(**parameters),
@@ -164,13 +180,17 @@ def main() -> None:
         which: {
             name: lesson
             for name, capture in captures.items()
-            if (lesson := lesson_of(args.folder, name, capture))
+            if (lesson := lesson_of(args.folder, name, capture, repaired=which != "tuning"))
         }
         for which, captures in sets.items()
     }
     weights = weights_module.WEIGHTS
     if args.learn:
-        learned = {name: lesson for name, (lesson, _) in lessons["tuning"].items()}
+        learned = {
+            name: lesson
+            for name, (lesson, others) in lessons["tuning"].items()
+            if others.mean() < MOSTLY
+        }
         weights = learn_weights(learned.values())
         write_weights(Path(weights_module.__file__), weights, learned)
     figures = {}

@@ -32,10 +32,9 @@ for _side in "RL":
 
 _ASKED = {
     "Arm": "apart exchangeable hardly_told together in_trunk handless strange_lower strange_end "
-    "end_turned bent outside without_lower without_end jerking moving",
+    "end_turned outside without_end jerking moving",
     "Leg": "apart exchangeable hardly_told together crossed far odd_foot foot_aside foot_back "
-    "strange_lower strange_end beside_end few_at_end without_upper without_lower without_end "
-    "outside end_turned",
+    "strange_lower strange_end beside_end few_at_end without_end outside end_turned",
 }
 """The evidence that is asked of arms and of legs."""
 

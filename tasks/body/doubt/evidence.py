@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from storage.schema import JOINTS
 from tasks.body.anatomy.bones import BONES, PARENT, place_bones
-from tasks.body.blobs.fitting import Fit
 from tasks.body.blobs.model import middles
 from tasks.body.doubt.voxels import VoxelReport, report_voxels
 from tasks.body.extremities.candidates import Candidates
@@ -50,6 +49,15 @@ hand's length; chosen, not measured."""
 
 _MOST_APART = 0.4
 """Farther apart is not more doubtful [statures]. An arm's length."""
+
+_JERKING = 40.0
+"""Acceleration of a finger tip or toe that is 1 [statures/s**2]. Chosen: a fast dance."""
+
+_MOVING = 3.0
+"""Speed of an elbow or knee that is 1 [statures/s]. Chosen: a fast dance."""
+
+_MOST_HASTE = 3.0
+"""More haste is not more doubtful [times those]. Chosen: it is a leap."""
 
 _IN_VOXELS = 0.015
 """A point so near a voxel is among the voxels [statures]. Those looked at are some 3 cm apart."""
@@ -114,15 +122,8 @@ def gather_evidence(fitted: FittedPoses, candidates: Sequence[Candidates]) -> Ev
     outside = found.pop("outside_m") / stature - _IN_VOXELS
     found["outside"] = 20.0 * np.clip(outside, 0.0, _MOST_OUTSIDE)
     found |= _of_anatomy(laid)
-    found["without_upper"], found["without_lower"], found["without_end"] = (
-        np.clip(1.0 - support[:, bones], 0.0, 1.0)
-        for bones in zip(*(limb.bones for limb in LIMBS), strict=True)
-    )
-    accelerated = _rate_of(_rate_of(laid.tip, account.take.rate_hz), account.take.rate_hz)
-    found["jerking"] = np.minimum(np.linalg.norm(accelerated, axis=2) / 40.0, 3.0)
-    lower = laid.joints[:, [limb.lower for limb in LIMBS]]
-    moved = np.linalg.norm(_rate_of(lower, account.take.rate_hz), axis=2)
-    found["moving"] = np.minimum(moved / 3.0, 2.0)
+    found["without_end"] = np.clip(1.0 - support[:, [limb.end for limb in LIMBS]], 0.0, 1.0)
+    found |= _of_motion(laid, account.take.rate_hz)
     found["handless"] = _handless(laid.middle, candidates, stature)
     found["odd_foot"] = np.clip(found["end_turned"] - _STRAIGHT_FOOT, 0, 2) * np.clip(
         found["strange_end"] - _USUAL_LOOK, 0, 2
@@ -153,32 +154,27 @@ def _lay(fitted: FittedPoses) -> _Laid:
     )
 
 
-def _of_passes(fitted: FittedPoses) -> Evidence:
-    """Return how far the passes have a limb apart, and how far it settled from both."""
-    model, (first, again) = fitted.model, fitted.account.passes
-
-    def places(fits: Sequence[Fit]) -> Floats:
-        return np.stack([middles(model, fit.pose) for fit in fits]) / model.stature
-
-    there, back, here = places(first), places(again), places(fitted.account.fits)
-    apart = _farthest(there - back)
-    moved = _farthest_of(
-        np.minimum(np.linalg.norm(here - there, axis=2), np.linalg.norm(here - back, axis=2))
-    )
+def _of_motion(laid: _Laid, rate_hz: float) -> Evidence:
+    """Return how hastily the limbs move."""
+    accelerated = np.linalg.norm(_rate_of(_rate_of(laid.tip, rate_hz), rate_hz), axis=2)
+    lower = laid.joints[:, [limb.lower for limb in LIMBS]]
+    moved = np.linalg.norm(_rate_of(lower, rate_hz), axis=2)
     return {
-        "apart": 10.0 * np.minimum(apart, _MOST_APART),
-        "settled": 20.0 * np.minimum(moved, _MOST_APART / 2),
+        "jerking": np.minimum(accelerated / _JERKING, _MOST_HASTE),
+        "moving": np.minimum(moved / _MOVING, _MOST_HASTE),
     }
 
 
-def _farthest(difference: Floats) -> Floats:
-    """Return (time, limb) the longest of the differences (time, bone, 3) of each limb's bones."""
-    return _farthest_of(np.linalg.norm(difference, axis=2))
-
-
-def _farthest_of(length: Floats) -> Floats:
-    """Return (time, limb) the greatest number (time, bone) of each limb's bones."""
-    return np.stack([length[:, limb.bones].max(axis=1) for limb in LIMBS], axis=1)
+def _of_passes(fitted: FittedPoses) -> Evidence:
+    """Return how far the passes have a limb apart, in tenths of a stature."""
+    model = fitted.model
+    there, back = (
+        np.stack([middles(model, fit.pose) for fit in fits]) / model.stature
+        for fits in fitted.account.passes
+    )
+    apart = np.linalg.norm(there - back, axis=2)
+    farthest = np.stack([apart[:, limb.bones].max(axis=1) for limb in LIMBS], axis=1)
+    return {"apart": 10.0 * np.minimum(farthest, _MOST_APART)}
 
 
 def _of_exchange(gains: Floats) -> Evidence:
@@ -207,7 +203,6 @@ def _of_anatomy(laid: _Laid) -> Evidence:
         "crossed": 5.0 * np.clip(aside, *_CROSSED),
         "foot_back": np.clip(_FORWARD_FOOT - forward, 0.0, None),
         "foot_aside": np.abs((level * laid.left[:, None]).sum(axis=2)),
-        "bent": laid.turn[:, [limb.lower for limb in LIMBS]],
         "end_turned": laid.turn[:, [limb.end for limb in LIMBS]],
     }
 

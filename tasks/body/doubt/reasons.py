@@ -43,10 +43,10 @@ class DoubtSettings:
     captures left out of the learning it found 0.89 of the wrong frames, and 0.59 of the frames that
     it named were wrong; 0.1 has 0.92 and 0.55, 0.25 has 0.83 and 0.64."""
 
-    other_cause: Share = 0.33
+    other_cause: Share = 0.25
     """How doubtful each segment is at least where the body was measured with little confidence,
-    voxels belong to nothing, or the performer touches a side of the volume. In rendered captures a
-    third of the segments of such frames was in the wrong place."""
+    voxels belong to nothing, or the performer touches a side of the volume. In rendered captures
+    .17 to .28 of the segments of such frames were in the wrong place."""
 
     far: Positive = 4.0
     """How far from every blob a voxel belongs to nothing that was fitted [standard deviations].

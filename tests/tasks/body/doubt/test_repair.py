@@ -1,6 +1,7 @@
 """A doubtful stretch is exchanged where that lowers the doubt, and nowhere else."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,24 +30,23 @@ def turned(fit, likelihood):
 def doubted(right, monkeypatch):
     """The figure, with arms that are doubted in a stretch; exchanged they are doubted less."""
     fitted, seen = right
-    tried = []
+    tried, told = [], SimpleNamespace(likelihood=1.0, after=0.2)
 
     def exchange(_take, fits, pair, stretch):
         tried.append((pair, stretch))
-        return [turned(fit, exchange.likelihood) for fit in fits[slice(*stretch)]]
+        return [turned(fit, told.likelihood) for fit in fits[slice(*stretch)]]
 
     def doubt(evidence, _rate_hz):
         frames = len(evidence["apart"])
-        told = np.zeros((frames, len(SEGMENTS)), np.float32)
+        found = np.zeros((frames, len(SEGMENTS)), np.float32)
         stretch = slice(*DOUBTED) if frames == len(fitted.poses) else slice(None)
         exchanged = evidence["moving"].any()  # only an exchange moves the figure
-        told[stretch, SEGMENTS.index("LForeArm")] = doubt.after if exchanged else 0.8
-        return told
+        found[stretch, SEGMENTS.index("LForeArm")] = told.after if exchanged else 0.8
+        return found
 
-    exchange.likelihood, doubt.after = 1.0, 0.2
     monkeypatch.setattr(repair, "fit_exchanged", exchange)
     monkeypatch.setattr(repair, "tell_doubt", doubt)
-    return with_gains(fitted, -0.05), seen, tried, exchange, doubt
+    return with_gains(fitted, -0.05), seen, tried, told
 
 
 def test_a_stretch_is_exchanged_where_that_lowers_the_doubt(doubted):
@@ -60,8 +60,8 @@ def test_a_stretch_is_exchanged_where_that_lowers_the_doubt(doubted):
 
 @pytest.mark.parametrize(("likelihood", "after"), [(0.9, 0.2), (1.0, 0.75)])
 def test_a_stretch_stays_that_is_less_likely_or_as_doubtful_exchanged(doubted, likelihood, after):
-    fitted, seen, tried, exchange, doubt = doubted
-    exchange.likelihood, doubt.after = likelihood, after
+    fitted, seen, tried, told = doubted
+    told.likelihood, told.after = likelihood, after
     assert repair.doubt_and_repair(fitted, seen)[0] is fitted
     assert tried
 

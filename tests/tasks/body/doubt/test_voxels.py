@@ -30,7 +30,7 @@ def test_the_sums_are_those_of_whole_arrays(body):
     nearest, least = away.argmin(axis=1), away.min(axis=1)
     around = np.linalg.norm(points[:, None] - middle, axis=2) / STATURE_M < AROUND
     colored = (cell[:, None] >= 0) & (looks[cell] > 0.5) & around
-    found = report_voxels(*body, STATURE_M)
+    found = report_voxels(*body, stature_m=STATURE_M)
     for k in range(len(BONES)):
         own = (nearest == k) & (least < OWN)
         known = own & (cell >= 0)
@@ -49,7 +49,7 @@ def test_the_sums_are_those_of_whole_arrays(body):
 
 def test_an_unknown_color_says_nothing(body):
     points, cell, *rest = body
-    found = report_voxels(points, np.full_like(cell, -1), *rest, STATURE_M)
+    found = report_voxels(points, np.full_like(cell, -1), *rest, stature_m=STATURE_M)
     assert not found.strangeness.any()
     assert not found.beside.any()
-    np.testing.assert_array_equal(found.own, report_voxels(*body, STATURE_M).own)
+    np.testing.assert_array_equal(found.own, report_voxels(*body, stature_m=STATURE_M).own)

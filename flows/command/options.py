@@ -38,6 +38,9 @@ def add_search_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--path-weight", type=float, default=0.0, metavar="W", help="count where the dancer goes"
     )
+    command.add_argument(
+        "--skip-doubtful", action="store_true", help="no match where the pose is doubtful"
+    )
     command.add_argument("--takes", metavar="GLOB", help="search only in these takes")
     add_import_options(command)
 

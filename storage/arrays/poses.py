@@ -29,6 +29,11 @@ _POSE = {
     "local_position": (("time", "segment", "space"), "J in the parent's system", "m"),
     "local_rotation": (("time", "segment", "space", "axis"), "R(r) in the parent's system", "1"),
     "quality": (("time", "segment"), "0 to 1: how much of the segment is where it should be", "1"),
+    "doubt": (
+        ("time", "segment"),
+        "probability that a joint at an end of the segment is more than 0.15 m off",
+        "1",
+    ),
     "doubtful": (("time",), "whether a person should look at the frame", None),
 }
 
@@ -71,7 +76,8 @@ def write_pose(
     Parameters
     ----------
     pose
-        `position`, `rotation`, `local_position`, `local_rotation`, `quality` and `doubtful`.
+        `position`, `rotation`, `local_position`, `local_rotation`, `quality` and `doubtful`, and
+        `doubt` where the method of the pose tells it.
     """
     frames = len(pose["doubtful"])
     dataset = xarray.Dataset(

@@ -24,7 +24,8 @@ from tasks.body.anatomy.nearest_bones import label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.segments import ORIGINS, local_systems
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
+from tasks.body.doubt.repair import doubt_and_repair
 from tasks.body.extremities.places import (
     Extremities,
     ExtremitySettings,
@@ -98,7 +99,8 @@ def fit_take(
     Written
         The arrays are `joint` (time, 21, 3) and `position` (time, 11, 3), m, `rotation`
         (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,), why it is so as of
-        `find_doubts`, of the method `joint` also `hands_unsure` and `feet_unsure` (time,) bool,
+        `find_doubts`, of the method `joint` also `doubt` (time, 11) as of `settle_doubt`,
+        `hands_unsure` and `feet_unsure` (time,) bool,
         what labels voxels (of `joint` the body's fields, and `turn` and `shift` a frame; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
         with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
@@ -131,6 +133,8 @@ def fit_take(
             initial_frame=start.frame, confidence=float(first["confidence"]),
             settings=settings.doubts,
         )  # fmt: skip
+        if "doubt" in arrays:
+            arrays |= settle_doubt(arrays["doubt"], arrays["quality"], arrays, settings.doubts)
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -192,6 +196,7 @@ def _fit_jointly(
         settings=_hold_given_joints(given, settings),
         **cues_of(seen),
     )
+    fitted, doubt = doubt_and_repair(fitted, seen.candidates)
     index = frames.index(start.frame)
     center = voxel_centers(frames.grid, index)
     joints = dict(zip(JOINTS, fitted.initial, strict=True))  # where bones were seen to turn
@@ -211,6 +216,7 @@ def _fit_jointly(
         "position": fitted.position[:, _ORIGIN],
         "rotation": fitted.rotation @ axes,
         "quality": fitted.quality,
+        "doubt": doubt,
         "doubtful": fitted.doubtful | fitted.unsure_sides.any(axis=1),
         "hands_unsure": fitted.unsure_sides[:, 0],
         "feet_unsure": fitted.unsure_sides[:, 1],

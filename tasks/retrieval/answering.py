@@ -27,7 +27,9 @@ from tasks.retrieval.normalization import sample_count
 from tasks.retrieval.opening import (
     OpenedSegment,
     fit_in_memory,
+    leave_out,
     open_segments,
+    read_doubtful,
     read_lying_takes,
     read_packed_takes,
 )
@@ -189,6 +191,7 @@ def find_matches(
     threshold: float | str | None = None,
     mirror: bool = False,
     path_weight: float = 0.0,
+    skip_doubtful: bool = False,
     steps: str = "slope",
     takes: str | None = None,
 ) -> "pandas.DataFrame":
@@ -204,7 +207,7 @@ def find_matches(
         Joint to weight, in place of the part's: 1 for its joints, 0 for the others.
     threshold
         Only matches nearer than this: statures, or the name of a level, "same" or "like".
-    part, top, mirror, path_weight, steps
+    part, top, mirror, path_weight, skip_doubtful, steps
         As in `SearchSettings`.
     takes
         Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
@@ -233,6 +236,7 @@ def find_matches(
         steps=steps,
         mirror=mirror,
         path_weight=path_weight,
+        skip_doubtful=skip_doubtful,
         top=top,
     )
     settings = replace(settings, threshold=threshold_of(threshold, settings))
@@ -291,7 +295,15 @@ def _search(
     tell: "Tell | None" = None,
 ) -> Found:
     """Return the matches in takes: in the index's segments, then in what lies beside them."""
-    wanted = {entry.take: entry.version for entry in searched if "motion" in entry.stages}
+    doubtful, unread = {}, {}
+    if settings.skip_doubtful:
+        doubtful, unread = read_doubtful(archive.place, searched)
+    searched = [entry for entry in searched if entry.take not in unread]
+    wanted = {
+        entry.take: entry.version
+        for entry in searched
+        if "motion" in entry.stages and entry.take not in doubtful
+    }
     opened, faults = open_segments(archive.place, listing.snapshot, wanted)
     held = {
         name
@@ -313,11 +325,13 @@ def _search(
     # not all in memory at once, where there are many
     for segment, skipped in read_lying_takes(archive.place, lying):
         skipped = {take: faults.get(take, why) for take, why in skipped.items()}
+        if segment:
+            leave_out(segment, doubtful)
         found.append(_search_whole(query, opened, segment, settings, skipped, tell_all))
         opened = []
     return Found(
         _best(found, settings.top),
-        {take: why for each in found for take, why in each.skipped.items()},
+        {take: why for each in found for take, why in each.skipped.items()} | unread,
         frozenset().union(*(each.too_short for each in found)),
     )
 

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.arrays.groups import open_group
 from storage.arrays.search import read_search_array
 from storage.errors import ArchiveError, DamagedSegmentError
 from storage.index.entries import Entry
 from storage.index.segments import Label, OpenSegment
 from storage.index.snapshots import Snapshot, open_snapshot
 from storage.places import Place
-from storage.records import Record
+from storage.publication import version_folder
+from storage.records import Record, read_record
 from storage.schema import JOINTS
-from tasks.retrieval.normalization import ROWS, sample_count
+from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS, sample_count
 from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
 
 logger = logging.getLogger(__name__)
@@ -168,6 +170,50 @@ def side_by_side(takes: Sequence[PackedTake]) -> Segment:
         joints_present=np.array([take.joints_present for take in takes], bool),
         searched=np.ones(len(takes), bool),
     )
+
+
+def read_doubtful(
+    place: Place, entries: Iterable[Entry]
+) -> tuple[dict[str, NDArray[np.bool_]], dict[str, str]]:
+    """Return which frames of takes are doubtful, and why that cannot be told of some.
+
+    Returns
+    -------
+    doubtful
+        (frame,) of the takes that have such frames, by name.
+    faults
+        Why a take cannot be asked, by name.
+    """
+    found: dict[str, NDArray[np.bool_]] = {}
+    faults: dict[str, str] = {}
+    for entry in entries:
+        if "pose" not in entry.stages:
+            continue
+        try:
+            record = read_record(place, entry.take)
+            files = record.files if record and record.version == entry.version else None
+            folder = version_folder(entry.take, entry.version)
+            pose = open_group(place, folder, "pose", files)
+            doubtful = np.asarray(pose["doubtful"].values, np.bool_)
+        except ArchiveError as error:
+            faults[entry.take] = str(error)
+            continue
+        if doubtful.any():
+            found[entry.take] = doubtful
+    return found, faults
+
+
+def leave_out(segment: Segment, doubtful: Mapping[str, NDArray[np.bool_]]) -> None:
+    """Make the samples of a segment in memory missing that come of doubtful frames."""
+    for name, first, samples, rate_hz in zip(
+        segment.names, segment.first, segment.samples, segment.rate_hz, strict=True
+    ):
+        if name in doubtful:
+            at = np.arange(samples) * float(rate_hz) / INDEX_RATE_HZ
+            last = len(doubtful[name]) - 1
+            between = [np.minimum(side(np.round(at, 6)), last) for side in (np.floor, np.ceil)]
+            lost = np.logical_or.reduce([doubtful[name][each.astype(int)] for each in between])
+            segment.rows[:, int(first) + np.flatnonzero(lost)] = np.nan
 
 
 def places(counts: Iterable[int]) -> tuple[list[int], int]:

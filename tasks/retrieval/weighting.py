@@ -35,6 +35,9 @@ class SearchSettings:
     path_weight: NotNegative = 0.0
     """How much a difference of one stature a second in the path channel counts [s]. The paper
     compares without the path."""
+    skip_doubtful: bool = False
+    """Whether no match may be in frames whose pose is doubtful. All are searched where nothing is
+    asked: most such frames are near enough to be found by."""
     threshold: Positive | None = None
     """Only matches nearer than this are found [statures]. None keeps all, up to `top`."""
     top: Count = 10

@@ -26,7 +26,7 @@ from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
 from tasks.engine.settings import Count, CountOrNone, NotNegative, Positive, check_ranges
 from tasks.studio.dancing.limbs import unit
-from tasks.studio.stage.bodies import SEGMENTS, BodySurface, pose_surface
+from tasks.studio.stage.bodies import SEGMENTS, BodySurface, Clothes, pose_surface
 from tasks.studio.stage.outer_points import outer_vertices
 from tasks.studio.stage.scenes import (
     Spoilers,
@@ -73,7 +73,7 @@ class RingSettings:
 class FilmSettings:
     """How a performer is clothed and filmed."""
 
-    clothes: Literal["fitting", "kimono"] = "fitting"
+    clothes: Clothes = "fitting"
     """What the performer wears. Fitting clothes are the easier ones."""
     backdrop: Literal["green", "grey"] = "green"
     """Color of floor and walls. Green, as in a studio that is made for it."""

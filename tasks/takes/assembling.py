@@ -49,6 +49,9 @@ _DOUBTS = {
     "doubtful": "The pose is doubtful in {}.",
 }
 
+_POSE = ("position", "rotation", "quality", "doubt", "doubtful")
+"""What the group `pose` takes from the fit as it is; the method `paper` tells no doubt."""
+
 Blocks = dict[str, list[Written]]
 """What the tasks of a stage wrote, in the order of the frames, by the name of the stage."""
 
@@ -253,7 +256,7 @@ def _write_body(
         place,
         folder,
         {
-            **{name: fit[name] for name in ("position", "rotation", "quality", "doubtful")},
+            **{name: fit[name] for name in _POSE if name in fit},
             "local_position": local_position,
             "local_rotation": local_rotation,
         },

@@ -4,7 +4,7 @@ They were chosen before any was digitized, and all are reported. None shows a mo
 under one of the shared captures.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.stage.bodies import Clothes
 from tasks.studio.stage.scenes import Spoilers
 from tests.benchmarks.pose_dances import (
     STUDIO,
@@ -35,7 +36,7 @@ class Plan:
     """A file below mocap, or a dance of the studio's own."""
     first: int = 0
     """Frame of the file, at the rate that it says."""
-    clothes: Literal["fitting", "kimono"] = "fitting"
+    clothes: Clothes = "fitting"
     scale: float = 1.0
     """Of the whole body; of the shared motion, 1.59 m tall."""
     shape: tuple[float, float, float, float] | None = None
@@ -48,8 +49,8 @@ class Plan:
     spoilers: Spoilers = field(default_factory=Spoilers)
 
 
-_CHILD = (0.62, 0.75, 0.68, 0.95)  # 1.1 m: short legs, a large head
-_NOISY = Spoilers(noise=5.0, flicker=0.02, drift=0.04, shadow=0.45)
+CHILD = (0.62, 0.75, 0.68, 0.95)  # 1.1 m: short legs, a large head
+NOISY = Spoilers(noise=5.0, flicker=0.02, drift=0.04, shadow=0.45)
 
 PLANS = {
     "indian-fitting": Plan("indian/indian_08.bvh", 400),
@@ -58,12 +59,12 @@ PLANS = {
     "salsa-kimono-twelve": Plan(
         "salsa/salsa_02.bvh", 700, "kimono", ring=RingSettings(cameras=10, overhead=2)
     ),
-    "salsa-kimono-noise": Plan("salsa/salsa_17.bvh", 300, "kimono", spoilers=_NOISY),
+    "salsa-kimono-noise": Plan("salsa/salsa_17.bvh", 300, "kimono", spoilers=NOISY),
     "martial-fitting": Plan("martial/martial_03.bvh", 900),
-    "martial-grey": Plan("martial/martial_04.bvh", 300, backdrop="grey", spoilers=_NOISY),
+    "martial-grey": Plan("martial/martial_04.bvh", 300, backdrop="grey", spoilers=NOISY),
     "salsa-tall-kimono": Plan("salsa/salsa_18.bvh", 500, "kimono", scale=1.1),
     "salsa-small": Plan("salsa/salsa_03.bvh", 600, scale=0.85),
-    "indian-child": Plan("indian/indian_08.bvh", 1400, shape=_CHILD),
+    "indian-child": Plan("indian/indian_08.bvh", 1400, shape=CHILD),
     "spin-fitting": Plan("indian/indian_13.bvh", 900, spin=20.0),
     "spin-kimono": Plan("salsa/salsa_20.bvh", 600, "kimono", spin=12.0),
     "okuri-kimono": Plan("okuri", clothes="kimono"),
@@ -79,9 +80,8 @@ PLANS = {
 def dance_of(plan: Plan, data: Path, frames: int = FRAMES) -> NDArray[np.float64]:
     """Return the joints (time, 21, 3), m, of what a capture shows."""
     if plan.dance in STUDIO:
-        return with_opening(
-            studio_dance(STUDIO[plan.dance], plan.rate_hz, frames), plan.rate_hz, frames
-        )
+        danced = plan.scale * studio_dance(plan.dance, plan.rate_hz, frames)
+        return with_opening(danced, plan.rate_hz, frames)
     recorded_hz = 60.0 if plan.dance.startswith("salsa") else 120.0
     every = round(recorded_hz / plan.rate_hz)
     danced = frames - round(0.5 * plan.rate_hz) - round(0.7 * plan.rate_hz)
@@ -94,14 +94,21 @@ def dance_of(plan: Plan, data: Path, frames: int = FRAMES) -> NDArray[np.float64
 
 def make_captures(folder: Path, data: Path, only: Sequence[str] = ()) -> dict[str, Path]:
     """Film the captures that are not there yet; return their folders by name."""
+    return film_plans(folder, data, PLANS, FRAMES, only)
+
+
+def film_plans(
+    folder: Path, data: Path, plans: Mapping[str, Plan], frames: int, only: Sequence[str] = ()
+) -> dict[str, Path]:
+    """Film what some plans show and is not there yet; return the folders of captures by name."""
     found = {}
-    for seed, (name, plan) in enumerate(PLANS.items()):
+    for seed, (name, plan) in enumerate(plans.items()):
         if only and name not in only:
             continue
         found[name] = folder / name
         if (folder / f"{name}_truth.npz").exists():
             continue
-        position = dance_of(plan, data)
+        position = dance_of(plan, data, frames)
         center = position.reshape(-1, 3)
         middle = (center.min(axis=0) + center.max(axis=0)) / 2.0
         reach = np.ptp(center[:, [0, 2]], axis=0).max() / 2.0

@@ -7,10 +7,20 @@ from numpy.typing import NDArray
 
 from storage.schema import JOINTS
 from tasks.motion.importing import ImportSettings, read_joint_track
-from tasks.studio.dancing.choreography import LOW, lonely, mirrored, okuri48, walk
+from tasks.studio.dancing.choreography import (
+    LOW,
+    Movement,
+    Step,
+    lonely,
+    mirrored,
+    okuri48,
+    pose,
+    turning,
+    walk,
+)
 from tasks.studio.dancing.limbs import unit
 from tasks.studio.filming import stretch_arms_first
-from tasks.studio.performances import SH, Performer, generate_performance
+from tasks.studio.performances import SH, TK, YS, Performer, generate_performance
 
 Track = NDArray[np.float64]
 
@@ -96,12 +106,51 @@ def spin(position: Track, most_degrees: float) -> Track:
     return (position - pivot) @ rotation.transpose(0, 2, 1) + pivot
 
 
-def studio_dance(performer: Performer, rate_hz: float, frames: int) -> Track:
-    """Return joints of a studio's performer: okuri for the tall, lonely for a child."""
-    danced = [lonely(), walk(4, hands=LOW)] if performer.height_m < 1.3 else [
-        okuri48(), mirrored(okuri48()), walk(4, hands=LOW)
-    ]  # fmt: skip
+def studio_dance(name: str, rate_hz: float, frames: int) -> Track:
+    """Return joints of a dance of the studio's own, by the name that a plan gives it."""
+    performer, danced = STUDIO[name]
     return generate_performance(danced, performer, rate_hz=rate_hz).position[:frames]
+
+
+def folding() -> Movement:
+    """Hands cross before the body, the arms fold, hands meet and part, low and high."""
+    crossed = pose(right=(-0.5, -0.4, 0.5), left=(-0.5, -0.3, 0.6))
+    other = pose(right=(-0.45, -0.1, 0.62), left=(-0.45, -0.25, 0.5))
+    folded = pose(right=(-0.42, -0.3, 0.3), left=(-0.42, -0.36, 0.36))
+    wide = pose((0.5, -0.2, 0.5))
+    beats = (
+        *((0.0, pose(LOW)), (0.6, crossed), (1.0, wide), (1.5, other | {"twist": 0.3})),
+        *((2.0, folded | {"bow": 0.2}), (2.6, pose((-0.2, 0.3, 0.6), crouch=0.1))),
+        *((3.1, crossed | {"twist": -0.3}), (3.8, wide)),
+    )
+    return Movement("folding", 3.8, beats)
+
+
+def lunging() -> Movement:
+    """A deep step forward, one hand ahead and one behind; back, and to the side."""
+    beats = (
+        *((0.0, pose(LOW)), (0.9, pose(right=(-0.2, 0.1, 0.85), left=(0.4, -0.5, -0.4)))),
+        *((1.5, {"crouch": 0.22, "bow": 0.3}), (2.2, pose((-0.3, -0.5, 0.5), crouch=0.08))),
+        *((3.0, pose(right=(0.6, 0.5, 0.2), left=(-0.3, -0.5, 0.4), crouch=0.25, side=0.2)),),
+        (3.8, pose(LOW, crouch=0.05, bow=0.0, side=0.0)),
+    )
+    steps = (
+        *(Step("R", 0.3, 1.0, forward=0.4, lift=0.04), Step("R", 1.7, 2.3, forward=0.0)),
+        *(Step("L", 2.4, 3.0, left=0.3), Step("L", 3.3, 3.8)),
+    )
+    return Movement("lunging", 3.8, beats, steps)
+
+
+def sinking() -> Movement:
+    """Deep in the knees and bowed, hands before the shins and at the sash, a quarter turn."""
+    beats = (
+        *((0.0, pose(LOW)), (0.8, pose((0.05, -0.8, 0.35), crouch=0.4, bow=0.7))),
+        *((1.6, pose((-0.3, -0.55, 0.3), crouch=0.35, bow=0.3, twist=0.4)),),
+        *((2.6, pose((0.3, 0.5, 0.4), crouch=0.45, bow=0.1, twist=-0.3)),),
+        (3.8, pose(LOW, crouch=0.1, bow=0.1, twist=0.0)),
+    )
+    steps = (Step("R", 1.6, 2.2, turn=-0.8), Step("L", 2.2, 2.8, turn=-0.8))
+    return Movement("sinking", 3.8, beats, steps)
 
 
 def with_opening(position: Track, rate_hz: float, frames: int) -> Track:
@@ -109,5 +158,15 @@ def with_opening(position: Track, rate_hz: float, frames: int) -> Track:
     return stretch_arms_first(position, rate_hz, still_s=STILL_S, blend_s=BLEND_S)[:frames]
 
 
-STUDIO = {"okuri": SH, "child": CHILD}
-"""Performers of the studio's own dances, by the name of the dance in a capture's plan."""
+STUDIO = {
+    "okuri": (SH, (okuri48(), mirrored(okuri48()), walk(4, hands=LOW))),
+    "child": (CHILD, (lonely(), walk(4, hands=LOW))),
+    "folding": (SH, (folding(), mirrored(folding()))),
+    "folding-mirrored": (TK, (mirrored(folding()), folding())),
+    "lunging": (YS, (lunging(), folding())),
+    "lunging-mirrored": (SH, (mirrored(lunging()), folding())),
+    "low": (TK, (sinking(), folding())),
+    "turn-left": (SH, (turning("left"), folding())),
+    "turn-right": (TK, (turning("right"), folding())),
+}
+"""Performers and what they dance, by the name of the dance in a capture's plan."""

@@ -162,6 +162,7 @@ def test_search_prints_the_json_of_the_design(archive, capsys):
         "steps": "slope",
         "mirror": False,
         "path_weight": 0.0,
+        "skip_doubtful": False,
         "threshold": None,
         "top": 2,
     }

@@ -18,6 +18,7 @@ from storage.formats.capture.capture import read_capture
 from storage.places import list_files
 from storage.publication import collect_garbage, verify_take, version_folder
 from storage.schema import JOINTS
+from tasks.body.doubt.reasons import DoubtSettings
 from tasks.capture import films as capture_films
 from tasks.capture.empty_stages import read_backgrounds
 from tasks.exporting.voxels import export_initial
@@ -195,10 +196,17 @@ def test_settings_of_the_capture_and_of_the_run_are_used_kept_and_told(posed, tm
     )
     assert silhouettes.attrs["provenance"]["settings"]["rule"] == "crcb"
     assert take.pose.attrs["provenance"]["settings"]["method"] == "paper"
+    assert "doubt" not in take.pose  # as in takes of before
     assert take.motion.attrs["provenance"]["settings"]["radius"] == 0.06
     assert run_ingestion(archive, [str(folder)], settings=given)[0].status == "unchanged"
     assert run_ingestion(archive, [str(folder)])[0].status == "ingested"  # other settings
-    assert open_archive(archive).take("posed").record.settings["joint_tracks.radius"] == 0.05
+    take = open_archive(archive).take("posed")
+    assert take.record.settings["joint_tracks.radius"] == 0.05
+    doubt = take.pose["doubt"]
+    assert (doubt.dims, doubt.dtype) == (("time", "segment"), np.float32)
+    assert ((doubt >= 0) & (doubt <= 1)).all()
+    limit = DoubtSettings().doubtful
+    np.testing.assert_array_equal(take.pose["doubtful"], doubt.max("segment") > limit)
 
 
 def test_a_capture_with_wrong_settings_is_refused_alone(ingest, capture):

@@ -100,6 +100,33 @@ class FittedPoses:
     model: FitModel
     """The body that was fitted."""
 
+    account: "Account"
+    """What the fit came by, for those who doubt it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """What a fit came by on its way."""
+
+    take: Fitting
+    """What was fitted, with hands where they were looked for, and the body as it was fitted."""
+
+    passes: tuple[tuple[Fit, ...], tuple[Fit, ...]]
+    """The fits of all frames forwards and backwards, before they were merged."""
+
+    fits: tuple[Fit, ...]
+    """The fits that the poses are of."""
+
+    exchange_gains: Floats
+    """(time, 2) how much likelier arms, or legs, would be exchanged, as of `sides.tell_sides`."""
+
+    def part(self, first: int, last: int) -> "Account":
+        """Return the frames from `first` to before `last` as a take of their own."""
+        there, back = self.passes
+        own = slice(first, last)
+        take = self.take.part(first, last)
+        return Account(take, (there[own], back[own]), self.fits[own], self.exchange_gains[own])
+
 
 def fit_poses(
     hulls: Sequence[VoxelRuns],
@@ -186,8 +213,9 @@ def fit_poses(
     with within(_CENTERED, _SETTLED):
         fits = _settle_in_rounds(take, merged)
     with within(_SETTLED, 1.0):
-        fits, unsure = tell_sides(take, fits)
-    return _describe(take, fits, unsure, position, model.origin)
+        fits, unsure, gains = tell_sides(take, fits)
+    account = Account(take, (tuple(first), tuple(again)), tuple(fits), gains)
+    return describe_fits(account, unsure, position, model.origin)
 
 
 def _follow_both_ways(take: Fitting, initial_frame: int, rest: Pose) -> list[Fit]:
@@ -223,13 +251,23 @@ def fitted_blobs(fitted: FittedPoses, frame: int) -> tuple[Floats, Floats]:
     return place_model(fitted.model, fitted.poses[frame])
 
 
-def _describe(
-    take: Fitting, fits: Sequence[Fit], unsure: NDArray[np.bool_], placed: Floats, origin: Floats
+def describe_fits(
+    account: Account, unsure: NDArray[np.bool_], placed: Floats, origin: Floats
 ) -> FittedPoses:
     """Return the poses of a take's fits, with the joints of the archive.
 
-    `placed` (21, 3) and `origin` (bone, 3) are the joints before they were moved, m.
+    Parameters
+    ----------
+    account
+        What was fitted, and the fits.
+    unsure : (time, 2) bool
+        True where arms, or legs, could be exchanged.
+    placed : (21, 3) float64
+        Joints of the initial model before the bones' joints were moved, m.
+    origin : (bone, 3) float64
+        The bones' joints before they were moved, m.
     """
+    take, fits = account.take, account.fits
     model = take.model
     initial = placed.copy()
     for k, name in enumerate(PROXIMAL):
@@ -252,7 +290,7 @@ def _describe(
     _logger.info("fitted %d frames, %d doubtful", frames, int(doubtful.sum()))
     poses = tuple(fit.pose for fit in fits)
     return FittedPoses(
-        position, initial, rotation, proximal, quality, doubtful, unsure, poses, model
+        position, initial, rotation, proximal, quality, doubtful, unsure, poses, model, account
     )
 
 

@@ -30,7 +30,7 @@ frame to frame."""
 Limbs = tuple[Limb, ...]
 
 
-def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_]]:
+def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_], Floats]:
     """Return the fits with right and left limbs exchanged where this explains the voxels better.
 
     Parameters
@@ -45,9 +45,13 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
     fits : list of Fit
     unsure : (time, 2) bool
         True where right and left hand, or right and left foot, could be exchanged.
+    gains : (time, 2) float64
+        How much likelier the frame's stretch would be the other way round than it is [mean
+        logarithm of the likelihoods of voxels]; NaN where the pair is together.
     """
     kept, margin = list(fits), take.settings.side_margin
     unsure = np.zeros((len(kept), len(_PAIRS)), bool)
+    gains = np.full(unsure.shape, np.nan)
     for pair, (limbs, cues) in enumerate(_PAIRS):
         at = np.stack([middles(take.model, fit.pose) for fit in kept])
         ends = at[:, [limb.end for limb in limbs]]
@@ -55,18 +59,56 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
             count = max(take.settings.side_frames, round((last - first) / take.rate_hz))
             looked = np.unique(np.linspace(first, last - 1, count).astype(int))
             tried = _exchange(take, kept, limbs, ends, looked)
-            if _gain(kept, tried) < -margin:
+            gains[first:last, pair] = gain = _gain(kept, tried)
+            if gain < -margin:
                 continue
-            crossed = _with_cues_exchanged(take.part(first, last), cues)
-            frames = range(last - first)
-            there = follow(crossed, frames, tried[min(tried)].pose)
-            back = follow(crossed, frames[::-1], tried[max(tried)].pose)[::-1]
-            other = settle(crossed, merge(crossed, there, back))
+            other = _fit_between(take, tried, (first, last), cues)
             gain = _gain(kept[first:last], dict(enumerate(other)))
             unsure[first:last, pair] = gain < margin
+            gains[first:last, pair] = -abs(gain)
             if gain > 0:
                 kept[first:last] = other
-    return kept, unsure
+    return kept, unsure, gains
+
+
+def fit_exchanged(
+    take: Fitting, fits: Sequence[Fit], pair: int, stretch: tuple[int, int]
+) -> list[Fit] | None:
+    """Return the fits of a stretch with the limbs of a pair exchanged; None if nobody is there.
+
+    Parameters
+    ----------
+    take, fits
+        The take that was fitted, and the fits of its frames.
+    pair
+        0 for the arms, 1 for the legs.
+    stretch
+        The first frame, and the frame after the last one.
+    """
+    limbs, cues = _PAIRS[pair]
+    first, last = stretch
+    at = [middles(take.model, fit.pose) for fit in fits[first:last]]
+    ends = np.zeros((len(fits), len(limbs), 3))
+    ends[first:last] = np.stack(at)[:, [limb.end for limb in limbs]]
+    tried = _exchange(take, fits, limbs, ends, np.array([first, last - 1]))
+    if not tried:
+        return None
+    found = _fit_between(take, tried, stretch, cues)
+    crossed = _with_cues_exchanged(take.part(*stretch), cues)
+    for _ in range(take.settings.settle_rounds - 1):
+        found = settle(crossed, [fit.pose for fit in found])
+    return found
+
+
+def _fit_between(
+    take: Fitting, tried: dict[int, Fit], stretch: tuple[int, int], cues: tuple[int, int]
+) -> list[Fit]:
+    """Return the fits of a stretch from fits of its frames in which a pair is exchanged."""
+    crossed = _with_cues_exchanged(take.part(*stretch), cues)
+    frames = range(crossed.frames)
+    there = follow(crossed, frames, tried[min(tried)].pose)
+    back = follow(crossed, frames[::-1], tried[max(tried)].pose)[::-1]
+    return settle(crossed, merge(crossed, there, back))
 
 
 def _stretches(take: Fitting, ends: Floats) -> list[tuple[int, int]]:

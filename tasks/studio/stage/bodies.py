@@ -1,27 +1,24 @@
 """The surface of a clothed performer, posed by the joints.
 
 Every bone carries a tube of rings; a kimono adds a skirt around both legs and sleeves that hang
-from the forearms. Thicknesses are those of an adult of 1.70 m, scaled by the performer's bones.
-Tubes overlap where they meet, so the surface has no holes; what lies inside is never seen.
+from the forearms, a furisode sleeves of the robe's own color that hang from the wrists.
+Thicknesses are those of an adult of 1.70 m, scaled by the performer's bones. Tubes overlap where
+they meet, so the surface has no holes; what lies inside is never seen.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.studio.dancing.limbs import unit
-from tasks.studio.stage.tubes import (
-    Color,
-    Track,
-    Tube,
-    close_tube,
-    join_tubes,
-    shape_stations,
-    tube_along,
-)
+from tasks.studio.stage.robes import hang_skirt, hang_sleeve
+from tasks.studio.stage.tubes import Color, Track, Tube, join_tubes, shape_stations, tube_along
+
+Clothes = Literal["fitting", "kimono", "furisode"]
+"""What a performer wears."""
 
 SEGMENTS = (
     *("Head", "Body", "Waist", "RUpperArm", "RForeArm", "LUpperArm", "LForeArm"),
@@ -98,9 +95,7 @@ class BodySurface:
     """(vertex,) True for skirt and sleeves, which hang off the body."""
 
 
-def pose_surface(
-    joints: Mapping[str, Track], *, clothes: Literal["fitting", "kimono"] = "fitting"
-) -> BodySurface:
+def pose_surface(joints: Mapping[str, Track], *, clothes: Clothes = "fitting") -> BodySurface:
     """Return the surface of a clothed performer.
 
     Parameters
@@ -109,15 +104,18 @@ def pose_surface(
         Metres; the 21 joints by the names of the archive, none missing.
     clothes : str
         "fitting": close to the body, each segment checked in two colors of its own; "kimono":
-        with a skirt, a sash, and sleeves that hang from the forearms.
+        with a skirt, a sash, and sleeves that hang from the forearms; "furisode": both sleeves
+        have the robe's color, cuffs that of the sash, and hang from the wrists.
 
     Raises
     ------
     ValueError
         If a joint is missing or not finite in some frame, or the clothes are unknown.
     """
-    if clothes not in ("fitting", "kimono"):
-        raise ValueError(f"there are no clothes {clothes!r}; choose 'fitting' or 'kimono'")
+    if clothes not in get_args(Clothes):
+        raise ValueError(
+            f"there are no clothes {clothes!r}; choose 'fitting', 'kimono' or 'furisode'"
+        )
     missing = [name for name in _needed() if not np.isfinite(joints.get(name, np.nan)).all()]
     if missing:
         raise ValueError(
@@ -126,14 +124,18 @@ def pose_surface(
         )
     joints = {name: np.asarray(joints[name], np.float64) for name in _needed()}
     axes, scale = _trunk_axes(joints), _measure(joints)
-    robed = clothes == "kimono"
+    robed, long = clothes != "fitting", clothes == "furisode"
     tubes = [*_trunk(joints, axes, scale, robed=robed), _head(joints, axes, scale)]
     for side, outward in (("R", -1.0), ("L", 1.0)):
-        tubes += _arm(joints, axes, scale, side, outward, robed=robed)
+        tubes += _arm(joints, axes, scale, side, outward, clothes)
         tubes += _leg(joints, axes, scale, side, robed=robed)
     body = join_tubes(tubes)
-    cloth = [_skirt(joints, axes, scale)] if robed else []
-    cloth += [_sleeve(joints, axes, scale, side) for side in "RL"] if robed else []
+    cloth = []
+    if robed:
+        cloth.append(hang_skirt(joints, axes.hip_left, scale, ROBE))
+        for side in "RL":
+            colors = ROBE if long else SLEEVES[side]
+            cloth.append(hang_sleeve(joints, axes.front, scale, side, colors, from_wrist=long))
     whole = join_tubes([*tubes, *cloth])
     vertices = whole.vertex.shape[1]
     return BodySurface(
@@ -263,10 +265,9 @@ def _arm(
     scale: float,
     side: str,
     outward: float,
-    *,
-    robed: bool,
+    clothes: Clothes,
 ) -> list[Tube]:
-    """Return upper arm, forearm and hand."""
+    """Return upper arm, forearm and hand; the outer third of a furisode's forearm is the cuff."""
     shoulder, elbow, wrist, tip = (
         joints[side + name] for name in ("Shoulder", "Elbow", "Wrist", "Fin")
     )
@@ -275,13 +276,21 @@ def _arm(
     front_lower = _carry(front, upper, lower)
     palm = -np.cross(_carry(front_lower, lower, hand), hand)
     label = SEGMENTS.index(f"{side}UpperArm") + 1
-    colors = SLEEVES[side] if robed else CHECKS[f"{side}UpperArm"]
-    sleeve = SLEEVES[side] if robed else CHECKS[f"{side}ForeArm"]
+    colors, sleeve = {
+        "fitting": (CHECKS[f"{side}UpperArm"], CHECKS[f"{side}ForeArm"]),
+        "kimono": (SLEEVES[side], SLEEVES[side]),
+        "furisode": (ROBE, ROBE),
+    }[clothes]
     rounded = {"round_start": True, "round_end": True}
     arm, forearm = (shape_stations(keys, 8, scale, **rounded) for keys in (_ARM, _FOREARM))
+    around = 16
+    covered = tube_along(elbow, wrist, front_lower, forearm, label + 1, sleeve, around=around)
+    if clothes == "furisode":
+        faces = 2 * around * (len(forearm) - 1)
+        covered.color[2 * faces // 3 : faces] = np.array(SASH[0])
     return [
-        tube_along(shoulder, elbow, front, arm, label, colors, around=16),
-        tube_along(elbow, wrist, front_lower, forearm, label + 1, sleeve, around=16),
+        tube_along(shoulder, elbow, front, arm, label, colors, around=around),
+        covered,
         tube_along(wrist, tip, palm, shape_stations(_HAND, 7, scale), label + 1, (SKIN, SKIN)),
     ]
 
@@ -316,77 +325,3 @@ def _leg(
             on_front=True,
         ),
     ]
-
-
-def _skirt(joints: Mapping[str, Track], axes: _Axes, scale: float) -> Tube:
-    """Return the skirt of a kimono: rings around both legs, from the waist to above the ankles.
-
-    Each point of a ring keeps its distance from the leg that is farther out in its direction,
-    so the cloth spans what is between the legs.
-    """
-    level = np.linspace(0.0, 0.94, 30)
-    legs = [
-        np.stack(
-            [
-                joints["Waist"] + outward * 0.03 * scale * axes.hip_left,
-                *(joints[side + name] for name in ("Hip", "Knee", "Ankle")),
-            ],
-            axis=1,
-        )
-        for side, outward in (("R", -1.0), ("L", 1.0))
-    ]
-    right, left = (_along_chain(leg, np.array([0.0, 0.18, 0.58, 1.0]), level) for leg in legs)
-    angle = 2.0 * np.pi * np.arange(40) / 40
-    level_left = unit(axes.hip_left * [1.0, 0.0, 1.0])
-    level_front = np.cross(level_left, [0.0, 1.0, 0.0])
-    outward = (
-        np.cos(angle)[:, None] * level_left[:, None] + np.sin(angle)[:, None] * level_front[:, None]
-    )
-    apart = np.einsum("tsk,tak->tsa", left - right, outward)
-    share_left = 1.0 / (1.0 + np.exp(-30.0 * apart / scale))
-    radius = np.interp(level, [0.0, 0.18, 0.58, 0.94], [0.125, 0.128, 0.100, 0.112])
-    folds = 1.0 + 0.05 * level[:, None] * np.cos(9.0 * angle)
-    grid = (
-        right[:, :, None]
-        + share_left[..., None] * (left - right)[:, :, None]
-        + (scale * radius[:, None] * folds)[..., None] * outward[:, None]
-    )
-    grid[..., 1] = np.maximum(grid[..., 1], 0.01 * scale)
-    label = np.where(
-        level[:, None] < 0.18,
-        SEGMENTS.index("Waist") + 1,
-        SEGMENTS.index("RUpperLeg") + 1 + 2 * (np.cos(angle) > 0.0) + (level[:, None] > 0.58),
-    )
-    return close_tube(grid[:, ::-1], label[::-1], ROBE)  # from the hem up, as rings turn
-
-
-def _along_chain(points: Track, shares: Track, level: Track) -> Track:
-    """Return (time, level, 3) points along a chain (time, point, 3) with a share a point."""
-    after = np.clip(np.searchsorted(shares, level, side="right"), 1, len(shares) - 1)
-    part = ((level - shares[after - 1]) / (shares[after] - shares[after - 1]))[:, None]
-    return (1.0 - part) * points[:, after - 1] + part * points[:, after]
-
-
-def _sleeve(joints: Mapping[str, Track], axes: _Axes, scale: float, side: str) -> Tube:
-    """Return a sleeve: a flat bag that hangs from the forearm, backward where the arm hangs."""
-    elbow, wrist = joints[f"{side}Elbow"], joints[f"{side}Wrist"]
-    arm = wrist - elbow
-    along = unit(arm)
-    fall = np.array([0.0, -1.0, 0.0]) + 0.7 * along[:, [1]] * along - 0.3 * axes.front
-    fall = unit(fall)
-    thick = unit(np.cross(along, fall))
-    down = np.linspace(-0.05, 0.46, 18)
-    half = np.interp(down, [-0.05, -0.02, 0.4, 0.46], [0.30, 0.56, 0.60, 0.52])
-    deep = np.interp(down, [-0.05, 0.0, 0.08, 0.46], [0.02, 0.058, 0.03, 0.018])
-    angle = 2.0 * np.pi * np.arange(36) / 36
-    across, aside = (np.sign(x) * abs(x) ** 0.5 for x in (np.cos(angle), np.sin(angle)))
-    middle = elbow + 0.36 * arm
-    grid = (
-        middle[:, None, None]
-        + scale * down[:, None, None] * fall[:, None, None]
-        + (half[:, None] * across)[..., None] * arm[:, None, None]
-        + scale * (deep[:, None] * aside)[..., None] * thick[:, None, None]
-    )
-    grid[..., 1] = np.maximum(grid[..., 1], 0.01 * scale)
-    label = np.full(grid.shape[1:3], SEGMENTS.index(f"{side}ForeArm") + 1)
-    return close_tube(grid, label, SLEEVES[side])

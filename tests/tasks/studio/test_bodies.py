@@ -135,6 +135,21 @@ def test_sleeves_hang_below_stretched_arms(joints):
         assert below.min() > -0.1
 
 
+def test_sleeves_of_a_furisode_hang_from_the_wrists_and_look_alike(joints):
+    surface = pose_surface(joints, clothes="furisode")
+    colors = []
+    for side in "RL":
+        own = surface.segment == SEGMENTS.index(f"{side}ForeArm") + 1
+        middle = surface.vertex[:, surface.is_cloth & own].mean(axis=1)
+        from_wrist, from_elbow = (
+            np.linalg.norm((middle - joints[side + name])[:, [0, 2]], axis=1)
+            for name in ("Wrist", "Elbow")
+        )
+        assert (from_wrist[:1] < from_elbow[:1]).all()  # the arms are stretched
+        colors.append(np.unique(surface.color[own[surface.triangle[:, 0]]], axis=0))
+    np.testing.assert_array_equal(*colors)
+
+
 def test_a_skirt_reaches_from_the_waist_to_above_the_ankles(joints):
     surface = pose_surface(joints, clothes="kimono")
     skirt = surface.is_cloth & ~np.isin(surface.segment, [5, 7])
@@ -155,5 +170,5 @@ def test_a_joint_that_is_missing_or_lost_is_named(joints):
 
 
 def test_unknown_clothes_are_refused(joints):
-    with pytest.raises(ValueError, match="no clothes 'armor'; choose 'fitting' or 'kimono'"):
+    with pytest.raises(ValueError, match="no clothes 'armor'; choose 'fitting', 'kimono' or"):
         pose_surface(joints, clothes="armor")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tasks.body.doubts import unexplained_share
+from tasks.body.doubt.reasons import unexplained_share
 from tasks.geometry.sides import cut_off_at, is_cut_off
 from tasks.geometry.voxel_lines import lines_of_index
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.body.doubts import DoubtSettings, find_doubts
+from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
 from tests.figures.box_frames import Frames
 
 
@@ -62,3 +62,16 @@ def test_settings_out_of_their_ranges_are_all_named():
     message = r"far is 0\.0, .* larger than 0; unexplained is 3\.0, .* at most 1"
     with pytest.raises(ValueError, match=message):
         DoubtSettings(far=0.0, unexplained=3.0)
+
+
+def test_what_is_no_matter_of_a_limb_makes_all_segments_doubtful():
+    doubt, quality = np.zeros((5, 11), np.float32), np.ones((5, 11))
+    doubt[1, 4] = 0.6
+    quality[4] = 0.0
+    names = ("unmeasured", "unexplained", "cut_off", "hidden")
+    found = {name: np.arange(5) == frame for name, frame in zip(names, (9, 2, 1, 0), strict=True)}
+    settled = settle_doubt(doubt, quality, found, DoubtSettings(doubtful=0.2, other_cause=0.3))
+    assert settled["doubt"].dtype == np.float32
+    np.testing.assert_allclose(settled["doubt"][:, 0], [0, 0.3, 0.3, 0, 1], rtol=1e-6)
+    assert settled["doubt"][1, 4] == np.float32(0.6)
+    assert settled["doubtful"].tolist() == [False, True, True, False, True]

@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 _logger = logging.getLogger(__name__)
 
-_RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
+RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
 """The bone that carries each joint."""
 
 for _side in "RL":
@@ -57,7 +57,7 @@ for _side in "RL":
         ("Hip", "UpperLeg"), ("Knee", "LowerLeg"), ("Ankle", "Foot"), ("Heel", "Foot"),
         ("Foot", "Foot"),
     ):  # fmt: skip
-        _RIDES_ON[_side + _joint] = _side + _bone
+        RIDES_ON[_side + _joint] = _side + _bone
 
 
 _SAMPLED, _FORWARDS, _LOOKED_FOR, _BACKWARDS = 0.12, 0.29, 0.31, 0.48
@@ -237,7 +237,7 @@ def _describe(
             initial[JOINTS.index(name)] += model.origin[k] - origin[k]
     frames = len(fits)
     position = np.full((frames, len(JOINTS), 3), np.nan)
-    bone = np.array([BONES.index(_RIDES_ON[name]) for name in JOINTS])
+    bone = np.array([BONES.index(RIDES_ON[name]) for name in JOINTS])
     known = np.isfinite(initial).all(1)
     offset = initial - model.origin[bone]
     proximal = np.empty((frames, len(SEGMENTS), 3))

@@ -5,7 +5,7 @@ of the neck. The likeliest of them that face one way, and of those that face the
 more closely. What the voxels say of the facing is how much likelier one way makes them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -19,7 +19,6 @@ from tasks.body.blobs.blobs import Voxels, gather_voxels
 from tasks.body.blobs.fitting import Fit, FitSettings, fit_frame
 from tasks.body.blobs.samples import Surfaces, draw_samples
 from tasks.body.guess.usual_body import FRONT, UsualBody
-from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
 LOOSE = FitSettings(foreseen=0.003)
@@ -78,7 +77,7 @@ class Shown:
     hulls: Sequence[VoxelRuns]
     """A single frame each; they may be made when they are asked for."""
     grid: VoxelGrid
-    surfaces: Surfaces | None
+    surfaces: Surfaces
 
     def points(self, frame: int) -> Floats:
         """Return (voxel, 3) the centers of a frame's voxels, m."""
@@ -89,10 +88,16 @@ class Shown:
         [(index, cell)] = draw_samples([self.hulls[frame]], None, most)
         return gather_voxels(voxel_centers(self.grid, index), cell, _NO_LOOKS)
 
+    def part(self, first: int, end: int) -> "Shown":
+        """Return the frames from one to before another as a take of their own."""
+        return Shown(
+            [self.hulls[n] for n in range(first, end)],
+            self.grid,
+            lambda frame: self.surfaces(first + frame),
+        )
+
     def surface(self, frame: int) -> tuple[Floats, NDArray[np.uint8]]:
         """Return centers, m, and colors (surface voxel, 3) of the voxels that a camera sees."""
-        if self.surfaces is None:
-            return np.empty((0, 3)), np.empty((0, 3), np.uint8)
         is_surface, color, camera = self.surfaces(frame)
         own = camera != NO_CAMERA
         return self.points(frame)[is_surface][own], color[own]
@@ -130,11 +135,6 @@ def fit_all(
         )
 
     return [fit(start) for start in starts]
-
-
-def at_each(look: Callable[[int], Fit], frames: Sequence[int]) -> list[Fit]:
-    """Return what is found in frames, which are looked at side by side."""
-    return side_by_side(look, frames)
 
 
 def _starts(necks: Sequence[Floats]) -> Iterator[Pose]:

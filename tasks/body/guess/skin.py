@@ -69,9 +69,7 @@ UNSEEN = 0.12
 `JointMethodSettings.hand_missing`."""
 
 
-def vote_face(
-    shown: Shown, frame: int, body: UsualBody, pose: Pose
-) -> float:
+def vote_face(shown: Shown, frame: int, body: UsualBody, pose: Pose) -> float:
     """Return from -1 to 1 whether the front of the head looks like a face, its back like hair."""
     joints = body.place(pose)
     point, color = shown.surface(frame)

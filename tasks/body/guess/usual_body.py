@@ -6,7 +6,7 @@ frame are. It wears nothing and has no color.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,6 +99,10 @@ class UsualBody:
         offset = np.array([self.joints[name] for name in JOINTS]) - self.blobs.origin[bone]
         at = carry(pose, place_bones(pose, self.blobs.origin), bone, offset)
         return dict(zip(JOINTS, at, strict=True))
+
+    def with_head(self, head: Floats) -> "UsualBody":
+        """Return the body with the top of its head at another place (3,), m."""
+        return replace(self, joints={**self.joints, "Head": head})
 
 
 def usual_joints(stature_m: float) -> dict[str, Floats]:

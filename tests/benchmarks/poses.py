@@ -3,8 +3,9 @@
 Films the captures of `tests.benchmarks.pose_captures` into FOLDER where they are not there yet,
 digitizes them and the shared ones, and prints a table of what was found against the truth;
 `--json FILE` keeps the figures. `--without 60` leaves out the first 60 frames and with them the
-stretched arms, `--backwards` plays the films backwards. `--trouble` adds errors to some captures, `--sensitivity` changes
-every constant of the fit by a quarter. The shared recordings are where SHOSA_DATA says.
+stretched arms, `--backwards` plays the films backwards. `--trouble` adds errors to some captures,
+`--sensitivity` changes every constant of the fit by a quarter. The shared recordings are where
+SHOSA_DATA says.
 """
 
 import argparse

@@ -38,9 +38,13 @@ SURE_FACING = 0.3
 """Margin of the facing from which a larger one is worth no more [mean logarithm of the voxels'
 likelihoods]."""
 
-HANDS_WORTH, BACKWARD_COST = 0.3, 0.5
-"""What two hands on skin are worth, and what a foot costs that points backwards [mean logarithm of
-the voxels' likelihoods]."""
+HANDS_WORTH = 0.3
+"""What two hands on skin are worth [mean logarithm of the voxels' likelihoods]. Chosen by eye on
+the shared captures; not measured."""
+
+BACKWARD_COST = 0.5
+"""What a foot costs that points backwards [mean logarithm of the voxels' likelihoods]. Chosen by
+eye on the shared captures; not measured."""
 
 TURNED_FOOT = 0.3
 """Cosine of the angle between a foot and the front of the hips below which it points backwards. 73
@@ -52,31 +56,45 @@ HEIGHT_SHARES = (0.05, 99.98)
 TALL = 90.0
 """Which of the heights of frames is the stature [percentile]."""
 
-CLOSE_FITTING, CROUCHING = 3.15, 1.05
-"""Likelihood of the voxels from which clothes fit closely [mean logarithm], and by how much the
-stature is more than the height of a dancing performer [factor]. In twenty captures the median is
-1.05, with 0.99 to 1.17. Where clothes are loose, a body of the height fits better: they are
-counted as the body's."""
+CLOSE_FITTING = 3.15
+"""Likelihood of the voxels from which clothes fit closely [mean logarithm]. It was 3.2 to 3.8 in
+captures with close-fitting clothes, 1.9 to 3.1 with a kimono."""
+
+CROUCHING = 1.05
+"""How much more the stature is than the height of a dancing performer [factor]. In twenty captures
+the median is 1.05, with 0.99 to 1.17. Where clothes are loose, a body of the height fits better:
+they are counted as the body's."""
 
 MOST_FOLLOWED = 100
-"""Through how many frames bodies are followed at most. They take some seconds."""
+"""Through how many frames bodies are followed at most. With 100 it takes as long as to look at the
+frames."""
 
 MEASURED = 3
-"""In how many frames the body is measured besides."""
+"""In how many frames the body is measured besides. Chosen, not measured: more take longer."""
 
 DISTANCE_COST = 10.0
 """What it costs a frame to differ from what was followed [1/m, mean over the joints]. A decimeter
 counts as much as the best frame is better than a bad one; chosen by eye on the shared captures, not
 measured."""
 
-SKULL_RADIUS, HEAD_HALF, HIGHEST = 0.09, 0.06, 99.0
-"""How far from its line a voxel is the head's [statures], how far below the top of the usual head
-those are that tell the top [statures], and which of their heights is the top [percentile]."""
+SKULL_RADIUS = 0.09
+"""How far from its line a voxel is the head's [statures]. A head's breadth and half, for the line
+may be off; chosen by eye on the shared captures, not measured."""
 
-SURE, UNSURE = 0.9, 6.0
-"""Confidence of a guess that all frames agree on, and by how much it falls with their distance
-[1/stature]. At 0.05 statures it is 0.6: of ten captures, two that lost limbs and none of seven that
-lost none were farther apart."""
+TOP_WITHIN = 0.06
+"""How far above and below the top of the usual head the top is looked for [statures]. Chosen by eye
+on the shared captures; not measured."""
+
+HIGHEST = 99.0
+"""Which of the heights of the head's voxels is its top [percentile]. The rest may be stray."""
+
+SURE = 0.9
+"""Confidence of a guess that all frames agree on [share]. With `UNSURE` it is 0.6 at a distance of
+0.05 statures: of twelve captures, five of six that lost limbs were farther apart, none of six that
+lost hardly any."""
+
+UNSURE = 6.0
+"""How much the confidence falls with the distance of the frames [1/stature]. See `SURE`."""
 
 MOST_CONFIDENCE = 0.8
 """Confidence of a guess at most: proportions are not those of the performer."""
@@ -195,10 +213,10 @@ def _top_of_head(shown: Shown, body: UsualBody, looks: Sequence[_Look]) -> Float
         at = body.place(pose)["Neck"]
         point = (shown.points(look.frame) - at) @ pose.rotation[BONE_NUMBER["Head"]] + neck
         own = np.hypot(*(point - head)[:, [0, 2]].T) < SKULL_RADIUS * stature
-        own &= abs(point[:, 1] - head[1]) < HEAD_HALF * stature
+        own &= abs(point[:, 1] - head[1]) < TOP_WITHIN * stature
         if own.sum() > 0:
             top = float(np.percentile(point[own, 1], HIGHEST))
-            cap = own & (point[:, 1] > top - HEAD_HALF / 2 * stature)
+            cap = own & (point[:, 1] > top - TOP_WITHIN / 2 * stature)
             middle = point[cap].mean(axis=0)
             found.append([middle[0], top + shown.grid.voxel_m / 2, middle[2]])
     return np.median(found, axis=0) if found else head

@@ -34,17 +34,28 @@ NECK_DROPS = (0.15, 0.27, 0.39)
 """How far the neck is below the top of the hull [statures]. Where raised hands are the top, it is
 farther below."""
 
-COARSE, FINE = 800, 2000
-"""How many voxels of a frame are looked at with every start, and with the best ones [voxels]. The
-second is that of `JointMethodSettings`."""
-
-COARSE_STEPS, FINE_STEPS = 5, 15
-"""Turns of the fits from every start, and from the best ones [turns]. Chosen by eye on the shared
+COARSE = 800
+"""How many voxels of a frame are looked at with every start [voxels]. Chosen by eye on the shared
 captures; not measured."""
 
-COARSE_WIDENING, FINE_WIDENING = 2.0, 1.3
-"""Factor of the blobs' size at first, with every start and with the best ones [factor]. Chosen by
-eye on the shared captures; not measured."""
+FINE = 2000
+"""How many are with the best starts [voxels]. As `JointMethodSettings.sample`."""
+
+COARSE_STEPS = 5
+"""Turns of the fits from every start [turns]. Chosen by eye on the shared captures; not
+measured."""
+
+FINE_STEPS = 15
+"""Turns of the fits from the best ones [turns]. Chosen by eye on the shared captures; not
+measured."""
+
+COARSE_WIDENING = 2.0
+"""Factor of the blobs' size at first, with every start [factor]. Chosen by eye on the shared
+captures; not measured."""
+
+FINE_WIDENING = 1.3
+"""Factor of the blobs' size at first, with the best ones [factor]. Chosen by eye on the shared
+captures; not measured."""
 
 KEPT = 6
 """How many of the likeliest fits of each facing are fitted more closely. Chosen by eye on the

@@ -15,15 +15,16 @@ from scipy.spatial import KDTree
 
 from tasks.body.anatomy.bones import BONE_NUMBER, Floats, Pose
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
-from tasks.body.anatomy.skin import LEAST_RATIO
+from tasks.body.anatomy.skin import FACE_SPAN, LEAST_RATIO
 from tasks.body.blobs.fitting import Fit, Target, fit_frame, penalized_likelihood
 from tasks.body.guess.single_frames import FINE, FINE_WIDENING, LOOSE, Shown
 from tasks.body.guess.usual_body import FRONT, UsualBody
+from tasks.body.initial.facing import LEVELS_ADDED, LIGHT_SHARE, UNLIKE
 from tasks.body.poses.limbs import LIMBS, reach_for
 
-FACE_SPAN, HEAD_SPAN = (0.35, 0.85), (0.0, 1.2)
-"""Between which places a voxel near the head may be a face's, or the head's [shares of the way
-from neck to top]. Those of `tasks.body.anatomy.skin`, and the neck."""
+HEAD_SPAN = (0.0, 1.2)
+"""Between which places a voxel near the head may be the head's [shares of the way from neck to
+top]. The neck shows skin, too."""
 
 SKULL_RADIUS = 0.09
 """How far from the line through neck and head a voxel is the head's [statures]. A head's breadth
@@ -39,30 +40,36 @@ shared captures; not measured."""
 HALF_DEEP = 0.06
 """Half the depth of a head [statures]. De Leva (1996) has heads 0.12 deep."""
 
-LEVELS_ADDED, LIGHT_SHARE, UNLIKE = 40.0, 0.5, 0.25
-"""What is added to a sum of red, green and blue before it divides [levels], how much brightness
-counts against chroma, and the difference at which colors are hardly alike. As of the facing of an
-initial frame."""
-
 FACE_AHEAD = 0.5
 """How far to the front of the head its voxels are a face's [cosine]. 60 degrees to each side."""
 
-LUMP_M, LEAST_LUMP, MOST_LUMPS = 0.025, 10, 4
-"""How far apart voxels of a lump are at most [m], how many a lump has at least [voxels], and how
-many lumps are tried [lumps]. Two and a half voxels of 1 cm; chosen by eye on the shared captures,
-not measured."""
+LUMP_M = 0.025
+"""How far apart voxels of a lump are at most [m]. Two and a half voxels of 1 cm; chosen by eye on
+the shared captures, not measured."""
+
+LEAST_LUMP = 10
+"""Voxels that a lump has at least [voxels]. Chosen by eye on the shared captures; not measured."""
+
+MOST_LUMPS = 4
+"""How many lumps are tried [lumps]. Hands, and what is taken for them."""
 
 FLOOR = 0.1
 """Height above the lowest voxel below which skin is a foot's [statures]. Chosen by eye on the
 shared captures; not measured."""
 
-HAND_PULL, PULL_WITHIN = 60.0, 0.15
-"""Information about a hand's place [1 / m²], and from where on it pulls less [statures]. Those of
-`JointMethodSettings`."""
+HAND_PULL = 60.0
+"""Information about a hand's place [1/m²]. As `JointMethodSettings.hand_pull`."""
 
-HAND_STEPS, SWIVELS = 6, 3
-"""Turns of the fit with a hand at a lump [turns], and how many places of the elbow are tried.
-Chosen by eye on the shared captures; not measured."""
+PULL_WITHIN = 0.15
+"""Distance from which a hand's place pulls less [statures]. As `JointMethodSettings.pull_within`."""
+
+HAND_STEPS = 6
+"""Turns of the fit with a hand at a lump [turns]. Chosen by eye on the shared captures; not
+measured."""
+
+SWIVELS = 3
+"""How many places of the elbow are tried [places]. Chosen by eye on the shared captures; not
+measured."""
 
 UNSEEN = 0.12
 """What a hand costs that is at no lump [mean logarithm of the voxels' likelihoods]. As

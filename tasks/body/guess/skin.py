@@ -61,7 +61,7 @@ HAND_PULL = 60.0
 """Information about a hand's place [1/m²]. As `JointMethodSettings.hand_pull`."""
 
 PULL_WITHIN = 0.15
-"""Distance from which a hand's place pulls less [statures]. As `JointMethodSettings.pull_within`."""
+"""Distance from which its place pulls less [statures]. As `JointMethodSettings.pull_within`."""
 
 HAND_STEPS = 6
 """Turns of the fit with a hand at a lump [turns]. Chosen by eye on the shared captures; not

@@ -42,8 +42,8 @@ from tasks.capture.films import grid_of
 from tasks.engine.progress import within
 from tasks.engine.settings import check_ranges
 from tasks.geometry.voxel_lines import marked_centers
-from tasks.geometry.voxels import VoxelRuns, voxel_centers
-from tasks.reconstruction.voxel_frames import VoxelFrames
+from tasks.geometry.voxels import voxel_centers
+from tasks.reconstruction.voxel_frames import HullFrames, VoxelFrames
 
 _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
 
@@ -167,26 +167,13 @@ class _Surfaces(Sequence[SurfaceFrame]):
         return SurfaceFrame(center, color, camera)
 
 
-class _Hulls(Sequence[VoxelRuns]):
-    """The hulls of a take, a single frame each, read when they are asked for."""
-
-    def __init__(self, frames: VoxelFrames) -> None:
-        self._frames = frames
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, frame: Any) -> Any:
-        return self._frames.hull(frame)
-
-
 def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
     settings: JointMethodSettings,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
     """Fit all segments of all frames at once."""
     fitted = fit_poses(
-        _Hulls(frames),
+        HullFrames(frames),
         frames.grid,
         start.rate_hz,
         start.position,

@@ -5,7 +5,7 @@ No stage and no arithmetic: the part of a store function that the stages after c
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,3 +102,19 @@ class VoxelFrames:
     def _read_colors(self, number: int, runs: VoxelRuns) -> dict[str, NDArray]:
         colors = read_block(self._place, self._colors[number])
         return {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}
+
+
+class HullFrames(Sequence[VoxelRuns]):
+    """The hulls of a take, a single frame each, read when they are asked for."""
+
+    def __init__(self, frames: VoxelFrames) -> None:
+        """Go by the frames of a take."""
+        self._frames = frames
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._frames)
+
+    def __getitem__(self, frame: Any) -> Any:
+        """Return the hull of a frame."""
+        return self._frames.hull(frame)

@@ -2,7 +2,7 @@
 
 import hashlib
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -248,6 +248,7 @@ def _write_body(
         attributes={
             "initial_frame": initial.start,
             "confidence": round(float(start["confidence"]), 3),
+            **_said_of_guess(start),
         },
         provenance=provenances["initial_model"],
     )
@@ -286,16 +287,28 @@ def _write_body(
     return [joint for joint, present in zip(JOINTS, there, strict=True) if present]
 
 
+def _said_of_guess(start: Mapping[str, NDArray]) -> dict[str, Any]:
+    """Return what is told of a body that was guessed, nothing of one that was measured."""
+    if "guessed_from" not in start:
+        return {}
+    return {
+        "guessed_from": start["guessed_from"].tolist(),
+        "facing_margin": round(float(start["facing_margin"]), 3),
+        "guesses_apart_m": round(float(start["guesses_apart_m"]), 3),
+    }
+
+
 def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
     """Say how sure the initial model is, and which frames are doubtful."""
     if "joint_tracks" not in blocks:
         return []
     fit = read_block(place, blocks["pose_fitting"][0].block)
     [initial] = blocks["initial_model"]
-    confidence = float(read_block(place, initial.block, ["confidence"])["confidence"])
+    start = read_block(place, initial.block)
+    confidence, guessed = float(start["confidence"]), "guessed_from" in start
     notes = [
-        f"The body was measured in frame {initial.block.start}, with a confidence of "
-        f"{confidence:.2f}.",
+        f"The body was {'guessed' if guessed else 'measured'} in frame {initial.block.start}, "
+        f"with a confidence of {confidence:.2f}.",
         *initial.notes,
     ]
     for name, said in _DOUBTS.items():

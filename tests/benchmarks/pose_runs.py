@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,13 @@ import numpy as np
 
 from flows import chain
 from storage import create_archive, open_archive
-from storage.blocks import Block, Written, read_block
+from storage.blocks import Block, Written, read_block, write_block
 from storage.errors import ArchiveError, InputError
 from storage.formats.capture.capture import Capture, capture_of, read_capture
 from storage.places import Place
 from storage.recordings import Recording, digest_capture
 from tasks.capture.films import grid_of
-from tasks.geometry.voxels import voxel_centers
+from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.reconstruction.silhouettes import extract_block
 from tasks.reconstruction.voxel_frames import VoxelFrames
 from tasks.settings import Settings
@@ -101,8 +101,43 @@ def recall(said: dict[str, Any]) -> Voxels:
     return Voxels(said["archive"], Recording(**said["recording"]), blocks)
 
 
-def pose(voxels: Voxels, truth_path: Path, settings: Settings) -> dict[str, Any]:
+def only_frames(voxels: Voxels, order: Sequence[int], name: str) -> Voxels:
+    """Return the voxels of some frames in another order, as if no others had been filmed.
+
+    `name` tells their blocks from those of other choices.
+    """
+    frames, place, begun = voxels.frames, voxels.place, time.monotonic()
+    hulls = join_runs([frames.hull(frame) for frame in order])
+    is_surface, color, camera = zip(*(frames.surface(frame) for frame in order), strict=True)
+    arrays = {
+        "carving": {"start": hulls.start, "length": hulls.length, "offset": hulls.offset},
+        "coloring": {
+            "is_surface": np.concatenate(is_surface),
+            "color": np.concatenate(color),
+            "camera": np.concatenate(camera),
+            "offset": np.cumsum([0, *map(len, color)]).astype(np.int64),
+        },
+    }
+    blocks = {
+        stage: [
+            write_block(
+                place, f"{voxels.blocks[stage][0].block.path}.{name}", (0, len(order)), own, begun
+            )
+        ]
+        for stage, own in arrays.items()
+    }
+    return Voxels(voxels.archive, voxels.recording, blocks)
+
+
+def pose(
+    voxels: Voxels, truth_path: Path, settings: Settings, order: Sequence[int] | None = None
+) -> dict[str, Any]:
     """Return the scores of a capture's poses and labels, and what each stage took.
+
+    Parameters
+    ----------
+    order
+        The frames of the capture that the voxels are of, where they are not all in their order.
 
     Returns
     -------
@@ -131,6 +166,8 @@ def pose(voxels: Voxels, truth_path: Path, settings: Settings) -> dict[str, Any]
     step = round(float(truth["fps"]) / voxels.source.fps)
     for name in ("joints", "verts"):
         truth[name] = truth[name][::step]
+        if order is not None:
+            truth[name] = truth[name][list(order)]
 
     def read(stage: str, name: str) -> np.ndarray:
         parts = [read_block(voxels.place, each.block, [name])[name] for each in blocks[stage]]

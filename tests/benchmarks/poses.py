@@ -2,8 +2,10 @@
 
 Films the captures of `tests.benchmarks.pose_captures` into FOLDER where they are not there yet,
 digitizes them and the shared ones, and prints a table of what was found against the truth;
-`--json FILE` keeps the figures. `--trouble` adds errors to some captures, `--sensitivity` changes
-every constant of the fit by a quarter. The shared recordings are where SHOSA_DATA says.
+`--json FILE` keeps the figures. `--without 60` leaves out the first 60 frames and with them the
+stretched arms, `--backwards` plays the films backwards. `--trouble` adds errors to some captures,
+`--sensitivity` changes every constant of the fit by a quarter. The shared recordings are where
+SHOSA_DATA says.
 """
 
 import argparse
@@ -18,7 +20,7 @@ from typing import Any
 
 from tasks.settings import read_settings
 from tests.benchmarks.pose_captures import PLANS, make_captures
-from tests.benchmarks.pose_runs import Voxels, describe, make_voxels, pose, recall
+from tests.benchmarks.pose_runs import Voxels, describe, make_voxels, only_frames, pose, recall
 from tests.benchmarks.pose_sensitivity import measure_sensitivity
 from tests.benchmarks.pose_trouble import troubled_voxels
 
@@ -93,7 +95,11 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     scores = {}
     say(heading())
     for name, (capture, truth) in captures(folder, args.only).items():
-        scores[name] = pose(voxels_of(folder, name, capture, truth), truth, settings)
+        voxels, order = voxels_of(folder, name, capture, truth), None
+        if args.without or args.backwards:
+            order = range(args.without, len(voxels.frames))[:: -1 if args.backwards else 1]
+            voxels = only_frames(voxels, order, f"{order.start}-{order.step}")
+        scores[name] = pose(voxels, truth, settings, order)
         say(row(name, scores[name]))
         keep(scores, args.json)
     return scores
@@ -131,6 +137,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--frames", type=int, default=150, help="of each, for --sensitivity")
+    parser.add_argument("--without", type=int, default=0, metavar="FRAMES")
+    parser.add_argument("--backwards", action="store_true")
     parser.add_argument("--trouble", action="store_true")
     parser.add_argument("--sensitivity", action="store_true")
     args = parser.parse_args()

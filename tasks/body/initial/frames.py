@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from tasks.body.initial.arms import Arms, measure_arms, missing_reach
+from tasks.body.initial.arms import UPPER_SHARE, Arms, measure_arms, missing_reach
 from tasks.body.initial.held_hulls import (
     OWN,
     beyond_others,
@@ -24,7 +24,7 @@ from tasks.body.initial.held_hulls import (
 from tasks.engine.progress import report
 from tasks.engine.settings import Count, Positive, Share, check_ranges
 from tasks.geometry.sides import cut_off_at
-from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
+from tasks.geometry.voxels import VoxelGrid, VoxelRuns, join_runs, voxel_centers, voxel_index
 
 WAY_OUT = "begin with the arms stretched sideways, or place the joints in initial.json"
 """What to do about a take without such a frame."""
@@ -63,6 +63,22 @@ captures; not measured."""
 CLOTHED_SCORE = 0.5
 """What is left of the score of a frame whose arms hide in hanging cloth [share]. Chosen by eye on
 the shared captures; not measured."""
+
+LOOKS_A_SECOND = 6.0
+"""How often a later frame is looked at [1/s]. A pose that is asked for is held for longer; chosen
+by eye on the shared captures, not measured."""
+
+FEW = 2000
+"""How many voxels tell whether a frame is worth a closer look [voxels]. Chosen by eye on the shared
+captures; not measured."""
+
+NEARLY = 0.9
+"""Share of an arm's least reach with which a frame is looked at closely. The few voxels end before
+the finger tips."""
+
+LEAST_LATER = 0.5
+"""Score from which a later frame is taken. Where the pose was held it was 0.69 and more in eighteen
+captures, while dancing 0.24 at most in ten."""
 
 
 @dataclass(frozen=True)
@@ -198,11 +214,8 @@ def _look_at(
     held = np.argwhere(crop)
     piece = pieces[tuple(held.T)]
     sizes = np.sort(np.bincount(piece)[1:])[::-1]
-    if len(sizes) > 1 and sizes[1] > settings.second_person * sizes[0]:
-        return (
-            f"there are two large pieces of {sizes[0]} and {sizes[1]} voxels, as of two people "
-            "or of one that is torn apart (one person at a time can be digitized)"
-        )
+    if fault := _second_person(sizes, settings):
+        return fault
     keeps = pieces_of_body(held, piece, grid.voxel_m)
     held = held[keeps[piece]]
     is_own = crop[tuple(held.T)] == OWN
@@ -212,12 +225,8 @@ def _look_at(
     lost = farthest_lost(body, is_own) * grid.voxel_m / height
     if lost <= CELL:  # the flicker of a hull's surface
         body = body[is_own]
-    for axis, end in cut_off_at(body, grid.shape):
-        return (
-            f"the performer is partly outside the volume ({(body[:, axis] == end).sum()} voxels "
-            f"touch its side at {'xyz'[axis]} = {grid.origin_m[axis] + end * grid.voxel_m:.2f} m; "
-            "enlarge the [volume])"
-        )
+    if fault := _outside(body, grid):
+        return fault
     point = voxel_centers(grid, body)
     arms = measure_arms(point, grid.voxel_m)
     if arms is None:
@@ -228,6 +237,86 @@ def _look_at(
     if missing_reach(point, arms) > 1.0:
         score *= WITHOUT_HANDS
     return Candidate(frame, index, is_body, body, arms, lost, score)
+
+
+def why_not_whole(
+    index: NDArray[np.integer], grid: VoxelGrid, settings: InitialModelSettings
+) -> str:
+    """Return why voxels (voxel, 3) are not one whole person, or "" where they are."""
+    if len(index) < LEAST_VOXELS:
+        return f"there are only {len(index)} voxels"
+    begin = index.min(axis=0)
+    crop = np.zeros(np.ptp(index, axis=0) + 1, np.uint8)
+    crop[tuple((index - begin).T)] = 1
+    pieces = np.asarray(cc3d.connected_components(crop, connectivity=26))
+    sizes = np.sort(np.bincount(pieces[crop > 0])[1:])[::-1]
+    return _second_person(sizes, settings) or _outside(index, grid)
+
+
+def _second_person(sizes: NDArray[np.integer], settings: InitialModelSettings) -> str:
+    """Return what is wrong where the second of pieces, the largest first, is large, else ""."""
+    if len(sizes) < 2 or sizes[1] <= settings.second_person * sizes[0]:
+        return ""
+    return (
+        f"there are two large pieces of {sizes[0]} and {sizes[1]} voxels, as of two people "
+        "or of one that is torn apart (one person at a time can be digitized)"
+    )
+
+
+def _outside(body: NDArray[np.integer], grid: VoxelGrid) -> str:
+    """Return what is wrong where voxels (voxel, 3) touch a side of the volume, else ""."""
+    for axis, end in cut_off_at(body, grid.shape):
+        return (
+            f"the performer is partly outside the volume ({(body[:, axis] == end).sum()} voxels "
+            f"touch its side at {'xyz'[axis]} = {grid.origin_m[axis] + end * grid.voxel_m:.2f} m; "
+            "enlarge the [volume])"
+        )
+    return ""
+
+
+def best_later_frame(
+    hulls: Sequence[VoxelRuns], grid: VoxelGrid, rate_hz: float, settings: InitialModelSettings
+) -> Candidate | None:
+    """Return the frame after the first `search_s` that shows stretched arms best, None where none.
+
+    Arms that are stretched while dancing are not held: such a frame has to be a good one.
+
+    Parameters
+    ----------
+    hulls
+        Of the whole take, a single frame each; they may be made when they are asked for.
+    grid, rate_hz, settings
+        As for `best_frame`.
+    """
+    best = None
+    begun = round(settings.search_s * rate_hz)
+    for frame in range(begun, len(hulls), max(1, round(rate_hz / LOOKS_A_SECOND))):
+        if not _may_stretch(hulls[frame], settings):
+            continue
+        around = frames_around(frame, len(hulls), round(settings.held_s * rate_hz))
+        first, last = min(frame, *around), max(frame, *around)
+        runs = join_runs([hulls[n] for n in range(first, last + 1)])
+        found = _look_at(runs, grid, frame - first, [n - first for n in around], settings)
+        if isinstance(found, str):
+            continue
+        score = found.score * math.exp(-((found.lost / settings.most_lost) ** 4))
+        if score > max(LEAST_LATER, best.score if best else 0.0):
+            best = replace(found, frame=frame, score=score)
+    return best
+
+
+def _may_stretch(hull: VoxelRuns, settings: InitialModelSettings) -> bool:
+    """Return whether the upper part of a hull reaches to two opposite sides; few voxels tell."""
+    index = voxel_index(hull, 0, step=max(1, int(hull.length.sum(dtype=np.int64)) // FEW))
+    if len(index) < FEW // 2:
+        return False
+    height = index[:, 1] - index[:, 1].min()
+    upper = index[height > (1.0 - UPPER_SHARE) * height.max()][:, [0, 2]]
+    flat = upper - np.median(upper, axis=0)
+    farthest = flat[np.argmax((flat**2).sum(axis=1))]
+    along = flat @ farthest / max(float(np.linalg.norm(farthest)), 1.0)
+    least = NEARLY * settings.reach * height.max()
+    return bool(along.max() > least and along.min() < -least)
 
 
 def _judge(arms: Arms, height: float, settings: InitialModelSettings) -> float | str:

@@ -19,7 +19,7 @@ from storage.errors import InputError
 from storage.schema import JOINTS
 from tasks.body.anatomy.nearest_bones import PLACED_JOINTS, label_points
 from tasks.body.anatomy.proportions import complete_joints
-from tasks.body.initial.frames import WAY_OUT, InitialModelSettings, best_frame
+from tasks.body.initial.frames import WAY_OUT, Candidate, InitialModelSettings, best_frame
 from tasks.body.initial.joints import bones_inside, find_joints
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
@@ -95,12 +95,41 @@ def find_initial_model(
         if value is not None and not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} {value} must be a finite number larger than 0")
     best = best_frame(runs, grid, rate_hz, settings)
-    colored = None
+    surface = None
     if surfaces is not None and best.frame < len(surfaces):
-        index, color = surfaces[best.frame]
+        surface = surfaces[best.frame]
+    return model_of_frame(best, grid, surface, stature_m, settings)
+
+
+def model_of_frame(
+    best: Candidate,
+    grid: VoxelGrid,
+    surface: tuple[NDArray[np.integer], NDArray[np.uint8]] | None,
+    stature_m: float | None,
+    settings: InitialModelSettings,
+) -> InitialModel:
+    """Return the joints and labels of a frame with stretched arms.
+
+    Parameters
+    ----------
+    best
+        The frame.
+    surface : ((surface voxel, 3) index, (surface voxel, 3) RGB), optional
+        Its colored surface.
+    grid, stature_m, settings
+        As for `find_initial_model`.
+
+    Raises
+    ------
+    InputError
+        The joints are not those of a body.
+    """
+    colored = None
+    if surface is not None:
+        index, color = surface
         colored = (voxel_centers(grid, index), color)
     joints, sure, notes = find_joints(best.body, best.arms, grid, colored, stature_m)
-    _refuse_what_is_no_body(best.frame, joints, voxel_centers(grid, best.body), grid, settings)
+    refuse_what_is_no_body(best.frame, joints, voxel_centers(grid, best.body), grid, settings)
     label = np.zeros(len(best.index), np.uint8)
     label[best.is_body] = label_points(voxel_centers(grid, best.index[best.is_body]), joints)
     position = np.array([joints.get(name, np.full(3, np.nan)) for name in JOINTS])
@@ -208,7 +237,7 @@ def label_from_joints(
     return label_points(voxel_centers(grid, voxel_index(runs, frame)), complete_joints(joints))
 
 
-def _refuse_what_is_no_body(
+def refuse_what_is_no_body(
     frame: int,
     joints: dict[str, NDArray[np.float64]],
     point: NDArray[np.float64],

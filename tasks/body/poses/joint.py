@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 _logger = logging.getLogger(__name__)
 
-_RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
+RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
 """The bone that carries each joint."""
 
 for _side in "RL":
@@ -57,15 +57,15 @@ for _side in "RL":
         ("Hip", "UpperLeg"), ("Knee", "LowerLeg"), ("Ankle", "Foot"), ("Heel", "Foot"),
         ("Foot", "Foot"),
     ):  # fmt: skip
-        _RIDES_ON[_side + _joint] = _side + _bone
+        RIDES_ON[_side + _joint] = _side + _bone
 
 
-_SAMPLED, _FORWARDS, _LOOKED_FOR, _BACKWARDS = 0.12, 0.29, 0.31, 0.48
-"""How much of the time of the fit is over after its first steps [share]. Measured with a take of
-150 frames, for one of 1500."""
-_MERGED, _CENTERED, _SETTLED = 0.52, 0.78, 0.97
-"""How much of it is over after the next steps [share]. As the first; the centers take as long with
-any number of frames."""
+_SAMPLED = 0.12
+"""How much of the time of the fit is over when the voxels are drawn [share]. Measured with a take
+of 150 frames, for one of 1500."""
+_STEPS = (0.29, 0.31, 0.48, 0.52, 0.78, 0.97)
+"""How much of it is over after each of the next steps [share]. As the first; the centers take as
+long with any number of frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,23 +199,48 @@ def fit_poses(
         samples,
         learn_looks(bone, surfaces, initial_frame, settings.most_likeness),
     )
-    with within(_SAMPLED, _FORWARDS):
-        first = _follow_both_ways(take, initial_frame, rest_pose(model.origin))
-    if hand_ends is not None:
-        with within(_FORWARDS, _LOOKED_FOR):
-            take = look_for_hands(take, first, hand_ends)
-    with within(_LOOKED_FOR, _BACKWARDS):
-        again = follow(take, range(len(hulls) - 1, -1, -1), first[-1].pose)[::-1]
-    with within(_BACKWARDS, _MERGED):
-        merged = merge(take, first, again)
-    with within(_MERGED, _CENTERED):
-        take = replace(take, model=settle_centers(take, merged))
-    with within(_CENTERED, _SETTLED):
-        fits = _settle_in_rounds(take, merged)
-    with within(_SETTLED, 1.0):
-        fits, unsure, gains = tell_sides(take, fits)
-    account = Account(take, (tuple(first), tuple(again)), tuple(fits), gains)
+    with within(_SAMPLED, 1.0):
+        account, unsure = fit_in_passes(take, initial_frame, rest_pose(model.origin), hand_ends)
     return describe_fits(account, unsure, position, model.origin)
+
+
+def fit_in_passes(
+    take: Fitting, frame: int, start: Pose, hand_ends: Sequence[Floats] | None
+) -> tuple[Account, NDArray[np.bool_]]:
+    """Return how the frames of a take were fitted, its joints where bones turn, and unsure sides.
+
+    Parameters
+    ----------
+    take
+        The take with a body in any pose.
+    frame, start
+        A frame, and the pose of that body in it.
+    hand_ends
+        As for `fit_poses`.
+
+    Returns
+    -------
+    account : Account
+    unsure : (time, 2) bool
+        As `FittedPoses.unsure_sides`.
+    """
+    done = [(share - _SAMPLED) / (1.0 - _SAMPLED) for share in _STEPS]
+    with within(0.0, done[0]):
+        first = _follow_both_ways(take, frame, start)
+    if hand_ends is not None:
+        with within(done[0], done[1]):
+            take = look_for_hands(take, first, hand_ends)
+    with within(done[1], done[2]):
+        again = follow(take, range(take.frames - 1, -1, -1), first[-1].pose)[::-1]
+    with within(done[2], done[3]):
+        merged = merge(take, first, again)
+    with within(done[3], done[4]):
+        take = replace(take, model=settle_centers(take, merged))
+    with within(done[4], done[5]):
+        fits = _settle_in_rounds(take, merged)
+    with within(done[5], 1.0):
+        fits, unsure, gains = tell_sides(take, fits)
+    return Account(take, (tuple(first), tuple(again)), tuple(fits), gains), unsure
 
 
 def _follow_both_ways(take: Fitting, initial_frame: int, rest: Pose) -> list[Fit]:
@@ -275,7 +300,7 @@ def describe_fits(
             initial[JOINTS.index(name)] += model.origin[k] - origin[k]
     frames = len(fits)
     position = np.full((frames, len(JOINTS), 3), np.nan)
-    bone = np.array([BONES.index(_RIDES_ON[name]) for name in JOINTS])
+    bone = np.array([BONES.index(RIDES_ON[name]) for name in JOINTS])
     known = np.isfinite(initial).all(1)
     offset = initial - model.origin[bone]
     proximal = np.empty((frames, len(SEGMENTS), 3))

@@ -1,0 +1,1 @@
+"""A body of usual proportions, for takes in which nobody stretches the arms."""

@@ -79,7 +79,7 @@ def test_a_ghost_is_named_with_its_camera_and_what_to_do(seen):
 def test_what_moves_is_no_ghost(seen):
     silhouettes, stale = seen
     for t in range(FRAMES):
-        stale[t, 1] = np.roll(stale[t, 1], 5 * t, axis=1)
+        stale[t, 1] = np.roll(stale[t, 1], (7 * t, 11 * t), axis=(0, 1))
     assert judge_telling(Telling("background", stale=stale), CAPTURE, silhouettes) == ([], [])
 
 

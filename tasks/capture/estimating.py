@@ -183,6 +183,7 @@ def _seeds(seen: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 def touches_border(region: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return the parts of a region (row, column) that reach the border of the picture."""
+    part: Any
     count, part = cv2.connectedComponents(region, connectivity=4)
     reaches = np.zeros(count, np.bool_)
     for line in (part[0], part[-1], part[:, 0], part[:, -1]):

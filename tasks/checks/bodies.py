@@ -42,7 +42,7 @@ def judge_bodies(
     if size_m3 < _LEAST_M3:
         why = {
             "background": "the performer stands in the backgrounds, or has their colors",
-            "film": "the performer does not leave his place, and is taken for the stage; bring a "
+            "film": "the performer stays in one place, and is taken for the stage; bring a "
             "picture of the empty stage, or masks",
             "key": "most of the performer has the color of the screen",
             "mask": "the masks lack most of the performer",

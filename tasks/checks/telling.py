@@ -42,9 +42,10 @@ real one, and in the worst camera 0.05 to 0.2 of one who sways in his place."""
 _DO = {
     "background": "film the empty stage again, or write background = \"film\" under [silhouettes] "
     "of digitize.toml",
-    "film": "he has to leave every place at some time: bring a picture of the empty stage, masks, "
+    "film": "every place has to be left at some time: bring a picture of the empty stage, masks, "
     "or a longer film",
-    "key": "he has to move before the screen: bring a picture of the empty stage, or masks",
+    "key": "the performer has to move before the screen: bring a picture of the empty stage, or "
+    "masks",
 }  # fmt: skip
 
 

@@ -202,6 +202,6 @@ def test_one_thing_that_tells_is_enough(masks, backgrounds, background, key):
 def test_how_sure_backgrounds_are_is_said():
     cameras = [SimpleNamespace(name="cam1"), SimpleNamespace(name="cam2")]
     [note] = unsure_notes(cameras, [1.0, 0.93], before_screen=False)
-    assert note.endswith("this much of a picture: cam2 7%, where the performer never leaves.")
-    [note] = unsure_notes(cameras, [1.0, 0.995], before_screen=True)
-    assert note.endswith("are sure in 99.5% of a picture at least.")
+    assert note.endswith("this much of a picture: cam2 7.0%, where the performer never leaves.")
+    [note] = unsure_notes(cameras, [1.0, 0.997], before_screen=True)
+    assert note.endswith("are sure in 99.7% of a picture at least.")

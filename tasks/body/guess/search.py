@@ -85,6 +85,18 @@ TOP_WITHIN = 0.06
 """How far above and below the top of the usual head the top is looked for [statures]. Chosen by eye
 on the shared captures; not measured."""
 
+UPRIGHT = 0.7
+"""Cosine of the angle of the head's line to the vertical from which a head is upright. 45 degrees;
+chosen by eye on the shared captures, not measured."""
+
+CAP = 0.03
+"""How far below its top the voxels are whose middle is the top of a head [statures]. Chosen by eye
+on the shared captures; not measured."""
+
+HAND_AROUND = 0.06
+"""How far from wrist and finger tip a voxel is a hand's, not the head's [statures]. Half a hand's
+length; chosen by eye on the shared captures, not measured."""
+
 HIGHEST = 99.0
 """Which of the heights of the head's voxels is its top [percentile]. The rest may be stray."""
 
@@ -240,6 +252,7 @@ def _follow(
     best = [looks[n].frame for n in np.argsort(-value, kind="stable")[:MEASURED]]
 
     joints = [dict(zip(JOINTS, usual[frame], strict=True)) for frame in best]
+    joints = [_with_head(part, *each, body.stature_m) for each in zip(best, joints, strict=True)]
     for share in (0.3, 0.65):
         with within(share, share + 0.35):
             tracks = side_by_side(
@@ -252,8 +265,35 @@ def _follow(
         off = [np.linalg.norm(track.position - position, axis=2).mean() for track in tracks]
         chosen = int(np.argmin(off))
         result = best[chosen], joints[chosen], position
-        joints = [track.moved_to(position) for track in tracks]
+        joints = [
+            _with_head(part, track.frame, track.moved_to(position), body.stature_m)
+            for track in tracks
+        ]
     return result
+
+
+def _with_head(
+    part: Shown, frame: int, joints: dict[str, Floats], stature_m: float
+) -> dict[str, Floats]:
+    """Return joints with the top of an upright head in the middle of the hull's top there.
+
+    A body without a face tells badly how its head is tilted.
+    """
+    neck, head, point = joints["Neck"], joints["Head"], part.points(frame)
+    line = (head - neck) / np.linalg.norm(head - neck)
+    along = (point - neck) @ line
+    away = np.linalg.norm(point - neck - along[:, None] * line, axis=1)
+    own = (away < SKULL_RADIUS * stature_m) & (along > np.linalg.norm(head - neck) / 2)
+    for hand in (joints[side + name] for side in "RL" for name in ("Wrist", "Fin")):
+        own &= np.linalg.norm(point - hand, axis=1) > HAND_AROUND * stature_m
+    if line[1] < UPRIGHT or not own.any():
+        return joints
+    top = float(np.percentile(point[own, 1], HIGHEST))
+    middle = point[own & (point[:, 1] > top - CAP * stature_m)].mean(axis=0)
+    placed = np.array([middle[0], top + part.grid.voxel_m / 2, middle[2]])
+    if np.linalg.norm(placed - head) > SKULL_RADIUS * stature_m:
+        return joints
+    return {**joints, "Head": placed}
 
 
 def _distances(looks: Sequence[_Look], body: UsualBody, position: Floats) -> Floats:

@@ -74,7 +74,7 @@ def follow_usual_body(
             bones_of_voxels(point, label, ends, forward(pose)),
             shown.surfaces, frame, settings.most_likeness,
         ),
-        **_cues(seen),
+        cues=_places(seen), cue_weights=_weights(seen),
     )  # fmt: skip
     account, _ = fit_in_passes(take, frame, pose, seen.hand_ends)
     return np.array([list(body.place(fit.pose).values()) for fit in account.fits])
@@ -92,7 +92,8 @@ def follow_measured_body(
     label = label_points(shown.points(frame), complete_joints(joints))
     fitted = fit_poses(
         shown.hulls, shown.grid, rate_hz, position, label,
-        initial_frame=frame, surfaces=shown.surfaces, hand_ends=seen.hand_ends, **_cues(seen),
+        initial_frame=frame, surfaces=shown.surfaces, hand_ends=seen.hand_ends,
+        cues=_places(seen), cue_weights=_weights(seen),
     )  # fmt: skip
     rotation = np.array([pose.rotation[_RIDES] for pose in fitted.poses])
     return Track(frame, fitted.initial, fitted.position, rotation)
@@ -109,9 +110,11 @@ def _see(
     return find_extremities(surfaces, rate_hz, stature_m, joints, initial_frame=frame)
 
 
-def _cues(seen: Extremities) -> dict[str, Floats]:
-    """Return what was seen of face, hands and feet, and how surely."""
-    return {
-        "cues": np.concatenate([seen.position, seen.foot], axis=1),
-        "cue_weights": np.concatenate([seen.weight, seen.foot_weight], axis=1),
-    }
+def _places(seen: Extremities) -> Floats:
+    """Return (time, 5, 3) where face, hands and feet were seen, m."""
+    return np.concatenate([seen.position, seen.foot], axis=1)
+
+
+def _weights(seen: Extremities) -> Floats:
+    """Return (time, 5) how sure that is."""
+    return np.concatenate([seen.weight, seen.foot_weight], axis=1)

@@ -72,6 +72,10 @@ frames."""
 MEASURED = 3
 """In how many frames the body is measured besides. Chosen, not measured: more take longer."""
 
+NEARLY = 1.25
+"""How much farther from where most bodies go the body of a better frame may go [factor]. Chosen by
+eye on the shared captures; not measured."""
+
 DISTANCE_COST = 10.0
 """What it costs a frame to differ from what was followed [1/m, mean over the joints]. A decimeter
 counts as much as the best frame is better than a bad one; chosen by eye on the shared captures, not
@@ -263,7 +267,7 @@ def _follow(
             )
         position = np.median([usual, *(track.position for track in tracks)], axis=0)
         off = [np.linalg.norm(track.position - position, axis=2).mean() for track in tracks]
-        chosen = int(np.argmin(off))
+        chosen = int(np.argmax(off <= NEARLY * np.min(off)))  # the first was best by itself
         result = best[chosen], joints[chosen], position
         joints = [
             _with_head(part, track.frame, track.moved_to(position), body.stature_m)

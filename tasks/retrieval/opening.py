@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.arrays.groups import open_group
 from storage.arrays.search import read_search_array
 from storage.errors import ArchiveError, DamagedSegmentError
 from storage.index.entries import Entry
@@ -184,6 +183,8 @@ def read_doubtful(
     faults
         Why a take cannot be asked, by name.
     """
+    from storage.arrays.groups import open_group  # Zarr, which few searches need
+
     found: dict[str, NDArray[np.bool_]] = {}
     faults: dict[str, str] = {}
     for entry in entries:

@@ -34,7 +34,7 @@ BESIDE = "--beside"
 _BESIDE = threading.Lock()
 """Held while another process compiles for this one."""
 _FIRST = "pose_fitting"
-"""The stage whose kernels come first beside other work [name]: the dearest, and needed late."""
+"""The stage whose kernels come first [name]: the dearest, and needed late."""
 
 Tell = Callable[[int, int], None]
 """Is told how many kernels are compiled, and of how many."""
@@ -102,39 +102,47 @@ def _other_process(tell: Tell) -> Iterator[None]:
                 tell(last[1], last[1])
 
 
-def compile_all(tell: Tell, *, processes: int = THREADS, beside: bool = False) -> None:
+def compile_all(tell: Tell, processes: int) -> None:
     """Compile every listed kernel for this processor, and keep it.
+
+    The poses come first, as the dearest, and then what is before them, from the end of the chain:
+    who starts at its beginning meanwhile compiles the others.
 
     Parameters
     ----------
     tell
-        Is called after each kernel.
+        Is called after each kernel, or each stage where several processes compile.
     processes
         How many compile at once.
-    beside
-        Begin with the poses, and then from the end of the chain: who starts at its beginning
-        meanwhile compiles the others.
     """
     mark, groups = _mark(), read_list()
     stages = list(groups)
-    if beside:
-        after = stages[stages.index(_FIRST) + 1 :]
-        before = stages[: stages.index(_FIRST)]
-        stages = [_FIRST, *reversed(after), *reversed(before)]
-    wanted = [kernel for stage in stages for kernel in groups[stage].items()]
-    tell(0, len(wanted))
+    at = stages.index(_FIRST)
+    stages = [_FIRST, *reversed(stages[at + 1 :]), *reversed(stages[:at])]
+    total = sum(map(len, groups.values()))
+    done = 0
+    tell(done, total)
     if processes == 1:
-        for done, kernel in enumerate(wanted, 1):
-            _compile(*kernel)
-            tell(done, len(wanted))
+        for stage in stages:
+            for kernel in groups[stage].items():
+                _compile(*kernel)
+                done += 1
+                tell(done, total)
     else:
+        # a stage's kernels share what they call, and what numba has learned of it
         with ProcessPoolExecutor(processes) as pool:
-            jobs = [pool.submit(_compile, *kernel) for kernel in wanted]
-            for done, job in enumerate(as_completed(jobs), 1):
-                job.result()
-                tell(done, len(wanted))
+            for job in as_completed([pool.submit(_compile_stage, groups[each]) for each in stages]):
+                done += job.result()
+                tell(done, total)
     if mark is not None:
         mark.touch()
+
+
+def _compile_stage(kernels_of: dict[str, str]) -> int:
+    """Compile the kernels of a stage; return how many there are."""
+    for kernel in kernels_of.items():
+        _compile(*kernel)
+    return len(kernels_of)
 
 
 def _compile(name: str, arguments: str) -> None:
@@ -196,9 +204,7 @@ def _listen(process: "subprocess.Popen[str]", tell: Tell) -> None:
 
 def main() -> None:
     """Compile, and print after each kernel how many are done, and of how many."""
-    beside = BESIDE in sys.argv[1:]
-    processes = max(1, THREADS - 1) if beside else THREADS
-    compile_all(_print, processes=processes, beside=beside)
+    compile_all(_print, max(1, THREADS - 1) if BESIDE in sys.argv[1:] else THREADS)
 
 
 def _print(done: int, total: int) -> None:

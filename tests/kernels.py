@@ -64,8 +64,8 @@ def list_kernels(folder: Path) -> dict[str, dict[str, str]]:
         note("assembling")
         gather_segments(location)
         for path_weight in (0.0, 0.5):
-            settings_of_search = SearchSettings(path_weight=path_weight)
-            answer_query(location, f"{source.take}:0-9", settings_of_search)
+            asked = SearchSettings(path_weight=path_weight)
+            answer_query(location, f"{source.take}:0-9", asked)
         note(SEARCHING)
     return {SEARCHING: stages.pop(SEARCHING), **stages}
 

@@ -21,7 +21,7 @@ from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import PICTURE_SUFFIXES, open_video, pick_frames, read_frames
 from tasks.capture.backgrounds import Background, make_background
 from tasks.capture.estimating import estimate_background
-from tasks.capture.films import of_camera
+from tasks.capture.films import frames_all_over, of_camera
 from tasks.capture.screens import NoScreenError, estimate_screen
 
 _BACKGROUND_FRAMES = 25
@@ -127,7 +127,7 @@ def _kept(path: Path, how: str, _: tuple[int, ...]) -> Background:
     video = open_video(path)
     rows, columns = video.size
     most = max(_LEAST_FRAMES, min(_FILM_FRAMES, _HELD_BYTES // (3 * rows * columns)))
-    chosen = _spread(video.frames, most)
+    chosen = frames_all_over(video.frames, most)
     images = np.empty((len(chosen), *video.frame_shape), np.uint8)
     for into, frame in zip(images, pick_frames(video, chosen), strict=True):
         into[:] = frame
@@ -144,13 +144,8 @@ def _of_background(path: Path) -> Background:
     if path.suffix.lower() in PICTURE_SUFFIXES and not path.is_dir():
         return make_background(read_picture(path)[None])
     video = open_video(path)
-    chosen = _spread(video.frames, _BACKGROUND_FRAMES)
+    chosen = frames_all_over(video.frames, _BACKGROUND_FRAMES)
     return make_background(np.concatenate([read_frames(video, n, n + 1) for n in chosen]))
-
-
-def _spread(frames: int, most: int) -> list[int]:
-    """Return the numbers of some frames all over a film."""
-    return sorted({round(n) for n in np.linspace(0, frames - 1, most).tolist()})
 
 
 def _state(path: Path) -> tuple[int, ...]:

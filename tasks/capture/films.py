@@ -81,7 +81,12 @@ def block_ranges(capture: Capture) -> list[tuple[int, int]]:
 
 def compared_frames(frames: int) -> list[int]:
     """Return the frames of a take in which the cameras' silhouettes are compared."""
-    return sorted({round(n) for n in np.linspace(0, frames - 1, _COMPARED_FRAMES).tolist()})
+    return frames_all_over(frames, _COMPARED_FRAMES)
+
+
+def frames_all_over(frames: int, most: int) -> list[int]:
+    """Return the numbers of at most so many frames all over a film, ascending."""
+    return sorted({round(n) for n in np.linspace(0, frames - 1, most).tolist()})
 
 
 def of_camera(camera: Camera, read: Callable[[], Any]) -> Any:

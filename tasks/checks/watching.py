@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 
 from storage.formats.capture.capture import Capture
 from storage.formats.pictures.video import open_masks, open_video, read_blocks
-from tasks.capture.films import of_camera, projection_of
+from tasks.capture.films import compared_frames, of_camera, projection_of
 from tasks.capture.tangency import Outline, find_outline, find_touches, join_outlines
 from tasks.checks.compared import Seeing
 from tasks.checks.offsets import Passage
 from tasks.engine.threads import side_by_side
-
-_LOOKED_AT = 8
-"""How many frames are kept [frames]. All poses differ, and they are drawn and compared at once."""
 
 _WITHIN_S = 60.0
 """How much of a film is looked through [s]. One with one key frame is decoded from its beginning
@@ -77,7 +74,7 @@ def watch_films(capture: Capture, seeing: Seeing, step: int, *, passages: bool =
         A film, or its masks, cannot be decoded; the camera is named.
     """
     end = min(capture.frames, max(int(_WITHIN_S * capture.fps), 1))
-    chosen = np.unique(np.linspace(0, end - 1, _LOOKED_AT).round().astype(int)).tolist()
+    chosen = compared_frames(end)
     ranges = list(_ranges(capture, end, step)) if passages else []
     projection = projection_of(capture.cameras)
 

@@ -130,6 +130,12 @@ def _digest_of(module: str) -> str:
 
 
 @functools.cache
+def _text_digest_of(module: str) -> str:
+    """Return the digest of the text of `module`, which all its kernels share."""
+    return hashlib.sha256(_SOURCES.get(module, b"")).hexdigest()
+
+
+@functools.cache
 def _digests_behind(module: str) -> dict[str, str]:
     """Return the digests of `module` and of all that it imports of ours."""
     return {name: _digest_of(name) for name in source_files(module)}
@@ -169,8 +175,8 @@ class _KernelCache(FunctionCache):
     def __init__(self, py_func: Callable[..., Any]) -> None:
         super().__init__(py_func)
         # not the time of its file: what is installed has another one
-        source = _SOURCES.get(py_func.__module__, b"")
-        files = {"filename_base": self._impl.filename_base, "source_stamp": _digest(source)}
+        stamp = _text_digest_of(py_func.__module__)
+        files = {"filename_base": self._impl.filename_base, "source_stamp": stamp}
         self._cache_file = IndexDataCacheFile(cache_path=self._cache_path, **files)
         carried = CARRIED / py_func.__module__.rpartition(".")[0]
         self._carried = IndexDataCacheFile(cache_path=str(carried), **files)
@@ -196,7 +202,3 @@ class _KernelCache(FunctionCache):
         except Exception:  # the index is damaged: it is written anew
             self.flush()
             super().save_overload(sig, data)
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from storage.schema import SEGMENTS
-from tasks.body.doubt.probability import ARM_SEGMENTS, LIMB_SEGMENTS, WINDOWS_S, Weights, windowed
+from tasks.body.doubt.evidence import ARMS, LEGS
+from tasks.body.doubt.probability import LIMB_SEGMENTS, WINDOWS_S, Weights, windowed
 from tests.benchmarks.pose_scores import LOST_M, SCORED
 
 Floats = NDArray[np.float64]
@@ -73,7 +74,7 @@ def learn_weights(lessons: Iterable[Lesson]) -> Weights:
     told = [windowed(lesson.evidence, lesson.rate_hz) for lesson in lessons]
     weights: Weights = {}
     for upper_or_lower in LIMB_SEGMENTS:
-        for limbs in (range(ARM_SEGMENTS), range(ARM_SEGMENTS, len(upper_or_lower))):
+        for limbs in (range(len(upper_or_lower))[pair] for pair in (ARMS, LEGS)):
             names = [upper_or_lower[limb] for limb in limbs]
             kinds = [f"{w} {n}" for w in WINDOWS_S for n in _ASKED[names[0][-3:]].split()]
             rows = [

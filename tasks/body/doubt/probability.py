@@ -26,9 +26,6 @@ LIMB_SEGMENTS = (
 )
 """The upper and the lower segment of each limb, in the order of the evidence."""
 
-ARM_SEGMENTS = 2
-"""How many limbs, the first ones, are arms."""
-
 
 def windowed(evidence: Evidence, rate_hz: float) -> Evidence:
     """Return evidence (time, limb) in the mean of each window, named `<window> <name>`."""

@@ -1,8 +1,6 @@
 """One instant of a real dancer before eight cameras (`data/dancer8`)."""
 
-import os
 import re
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,14 +11,9 @@ from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, count_voxels, decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.coloring import ColoringSettings, color_surface
+from tests.figures.real_dancer import DATA, MARKS
 
-DATA = Path(os.environ.get("SHOSA_DATA", "../shared/data")) / "dancer8"
-
-pytestmark = [
-    pytest.mark.data,
-    pytest.mark.compiled,
-    pytest.mark.skipif(not DATA.exists(), reason="needs the shared data/dancer8"),
-]
+pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")

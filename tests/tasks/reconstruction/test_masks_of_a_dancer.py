@@ -1,9 +1,7 @@
 """One instant of a real dancer, brought as a capture with the masks of its makers."""
 
 import dataclasses
-import os
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,14 +18,9 @@ from tasks.geometry.voxels import VoxelRuns, decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_block
 from tasks.reconstruction.coloring import ColoringSettings, color_block
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_block
+from tests.figures.real_dancer import DATA, MARKS
 
-DATA = Path(os.environ.get("SHOSA_DATA", "../shared/data")) / "dancer8"
-
-pytestmark = [
-    pytest.mark.data,
-    pytest.mark.compiled,
-    pytest.mark.skipif(not DATA.exists(), reason="needs the shared data/dancer8"),
-]
+pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ these numbers place what no camera sees. Points are metres with y up.
 
 Sources: Drillis and Contini (1966) as printed in Winter, Biomechanics and Motor Control of Human
 Movement; De Leva (1996); Dempster (1955); Bell et al. (1989); Boileau and Walch (1997); Staheli et
-al. (1985); the ANSUR survey of 1988. "Rigs" are the skeletons of motion capture.
+al. (1985); the ANSUR survey of 1988; of children Fredriks et al. (2005) and Bundak et al. (2014).
+"Rigs" are the skeletons of motion capture.
 """
 
 from collections.abc import Mapping
@@ -31,6 +32,12 @@ the collar bone's outer end, 2.2 to 2.7 from the arms' line."""
 LEAST_REACH = 2.1
 """Half the span at least, where both hands show [heights of the head above the arms' line]. A
 little less than the least that was seen; see `USUAL_REACH`."""
+
+LEAST_SPAN = 0.87
+"""Span of the arms at least, where both hands show [heights of the performer]. A child's head is
+large beside its arms as an adult's is that has lost both hands, but the arms span about the height
+at all ages: 0.91 to 1.05 of a hull's in 33 captures of performers from 1.06 to 1.85 m, 0.75 without
+hands, 0.84 with hands in sleeves."""
 
 SHOULDER_SHARE = 0.20
 """From the middle of the body to a shoulder's joint [half spans]. 0.23 by Drillis and Contini for
@@ -78,6 +85,18 @@ hips]. Chosen by eye on the shared captures; not measured."""
 HIPS_BELOW_TOP = 0.495
 """From the top of the head down to the middle of the hips [statures]. 0.470 by Drillis and Contini
 to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
+
+GROWN_M = 1.5
+"""Stature from which proportions are those of adults [m]. Girls and boys reach it at 12 to 13
+years, when the share of the sitting height has fallen to an adult's (Bundak et al. 2014)."""
+
+TRUNK_OF_CHILDREN = 0.09
+"""How much more of a child's stature is above the hips [statures / m below `GROWN_M`]. Sitting
+height is 0.55 to 0.56 of the stature from 6 to 8.5 years, when children are 1.15 to 1.3 m tall, and
+0.52 to 0.53 in adults (Bundak et al. 2014; Fredriks et al. 2005)."""
+
+SMALLEST_M = 0.8
+"""Stature below which proportions change no more [m]. Who is smaller does not stand yet."""
 
 HIPS_ABOVE_FORK = 0.075
 """From where the legs of a hull meet up to the middle of the hips [statures]. The hip joint is
@@ -147,6 +166,20 @@ THICK_BONES = (
 )
 """Label, first and last joint of each bone, and the body's radius around it at both [statures].
 From the girths of adults over their statures; compare the radii in Drillis and Contini (1966)."""
+
+
+def hips_below_top(stature_m: float) -> float:
+    """Return how far the hips are below the top of the head, usually [statures].
+
+    A child's legs are shorter.
+    """
+    missing = max(GROWN_M - max(stature_m, SMALLEST_M), 0.0)
+    return HIPS_BELOW_TOP + TRUNK_OF_CHILDREN * missing
+
+
+def leg_share(stature_m: float) -> float:
+    """Return how long the legs usually are beside those of an adult, both in statures."""
+    return (1.0 - hips_below_top(stature_m)) / (1.0 - HIPS_BELOW_TOP)
 
 
 def complete_joints(joints: Mapping[str, Points]) -> dict[str, Points]:

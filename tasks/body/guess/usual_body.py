@@ -19,10 +19,11 @@ from tasks.body.anatomy.proportions import (
     ANKLE_HEIGHT,
     FOOT_LENGTH,
     HIP_SHARE,
-    HIPS_BELOW_TOP,
     SOLE_HEIGHT,
     THIGH_SHARE,
     complete_joints,
+    hips_below_top,
+    leg_share,
 )
 from tasks.body.blobs.model import FitModel, make_model
 from tasks.body.poses.joint import RIDES_ON
@@ -108,7 +109,7 @@ class UsualBody:
 
 def usual_joints(stature_m: float) -> dict[str, Floats]:
     """Return the joints (3,), m, of a body of usual proportions with stretched arms."""
-    hips, neck = 1.0 - HIPS_BELOW_TOP, 1.0 - NECK_BELOW_TOP
+    hips, neck = 1.0 - hips_below_top(stature_m), 1.0 - NECK_BELOW_TOP
     heel = -ANKLE_FROM_HEEL * FOOT_LENGTH
     share = {"Head": (0.0, 1.0, 0.005), "Neck": (0.0, neck, 0.0)}
     share["Waist"] = (0.0, hips + WAIST_UP * (neck - hips), 0.0)
@@ -118,7 +119,7 @@ def usual_joints(stature_m: float) -> dict[str, Floats]:
         for name, away in ARM.items():
             share[side + name] = (out * (SHOULDER_ASIDE + away), height, 0.0)
         share[side + "Hip"] = (hip, hips, 0.0)
-        share[side + "Knee"] = (hip, hips - THIGH_SHARE, 0.004)
+        share[side + "Knee"] = (hip, hips - leg_share(stature_m) * THIGH_SHARE, 0.004)
         share[side + "Ankle"] = (hip, ANKLE_HEIGHT, 0.0)
         share[side + "Heel"] = (hip, SOLE_HEIGHT, heel)
         share[side + "Foot"] = (hip, SOLE_HEIGHT, heel + FOOT_LENGTH)

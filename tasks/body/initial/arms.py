@@ -12,8 +12,10 @@ import numpy as np
 
 from tasks.body.anatomy.proportions import (
     LEAST_REACH,
+    LEAST_SPAN,
     NECK_SHARE,
     SHOULDER_SHARE,
+    SPAN_PER_STATURE,
     USUAL_REACH,
     Points,
 )
@@ -272,9 +274,15 @@ def reach_of_head(point: Points, arms: Arms) -> float:
 
 
 def missing_reach(point: Points, arms: Arms) -> float:
-    """Return by what factor lost hands lengthen half the span; 1 where none are lost."""
-    reach = reach_of_head(point, arms)
-    longer = USUAL_REACH / reach if reach < LEAST_REACH else 1.0
+    """Return by what factor lost hands lengthen half the span; 1 where none are lost.
+
+    The arms have to be short beside the head and beside the height: a child's head is large, and
+    who crouches is not high.
+    """
+    reach, span = reach_of_head(point, arms), 2.0 * arms.half_span_m / np.ptp(point[:, 1])
+    longer = 1.0
+    if reach < LEAST_REACH and span < LEAST_SPAN:
+        longer = min(USUAL_REACH / reach, SPAN_PER_STATURE / span)
     return longer if arms.has_hands else max(longer, 1.0 / SLEEVE_REACH)
 
 

@@ -22,6 +22,7 @@ from tasks.body.anatomy.proportions import (
     THIGH_SHARE,
     TOE_OUT,
     Points,
+    leg_share,
 )
 
 KNEE_ASIDE = 0.03
@@ -249,15 +250,15 @@ def _find_knee(
     ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
     aside = np.cross(down, ahead)
     best = hip + THIGH_SHARE / (THIGH_SHARE + SHANK_SHARE) * length * down
-    least = np.inf
+    least, shorter = np.inf, leg_share(stature_m)
     part = np.linspace(FIRST_PART, 1.0, 10)[:, None, None]
     for reach, count in KNEE_GRIDS:
         steps = np.linspace(-reach, reach, count) * stature_m
         a, b, c = (x.ravel() for x in np.meshgrid(steps, steps, steps / 2.0, indexing="ij"))
         knee = best + a[:, None] * ahead + b[:, None] * aside + c[:, None] * down
         thigh, shank = np.linalg.norm(knee - hip, axis=1), np.linalg.norm(ankle - knee, axis=1)
-        wrong = ((thigh / stature_m - THIGH_SHARE) / LENGTH_SPREAD) ** 2
-        wrong += ((shank / stature_m - SHANK_SHARE) / LENGTH_SPREAD) ** 2
+        wrong = ((thigh / stature_m - shorter * THIGH_SHARE) / LENGTH_SPREAD) ** 2
+        wrong += ((shank / stature_m - shorter * SHANK_SHARE) / LENGTH_SPREAD) ** 2
         lines = np.concatenate(
             [hip + part * (knee - hip), ankle + (part - FIRST_PART) * (knee - ankle)]
         )

@@ -11,12 +11,12 @@ import numpy as np
 from tasks.body.anatomy.proportions import (
     HEAD_ABOVE_ARMS,
     HIPS_ABOVE_FORK,
-    HIPS_BELOW_TOP,
     NECK_SHARE,
     SHOULDER_SHARE,
     SPAN_PER_STATURE,
     WAIST_SHARE,
     Points,
+    hips_below_top,
 )
 from tasks.body.initial.arms import HEAD_AHEAD, HEAD_ASIDE, NECK_ASIDE, Arms
 
@@ -103,7 +103,7 @@ def measure_trunk(point: Points, arms: Arms, voxel_m: float, stature_m: float | 
     extent = head[1] - low
     by_span, by_head = 2.0 * half / SPAN_PER_STATURE, above / HEAD_ABOVE_ARMS
     stature = stature_m or max(extent, min(by_span, (by_span + by_head) / 2.0))
-    length = HIPS_BELOW_TOP * stature - (head[1] - neck[1])
+    length = hips_below_top(stature) * stature - (head[1] - neck[1])
     hips = _follow_trunk(point, arms, neck, length, half)
     return Trunk(head, neck, neck + WAIST_SHARE * (hips - neck), hips, float(stature))
 
@@ -120,7 +120,7 @@ def lift_hips(trunk: Trunk, fork_m: float | None) -> Trunk:
     """
     if fork_m is None:
         return trunk
-    off = fork_m / trunk.stature_m + HIPS_ABOVE_FORK - (1.0 - HIPS_BELOW_TOP)
+    off = fork_m / trunk.stature_m + HIPS_ABOVE_FORK - (1.0 - hips_below_top(trunk.stature_m))
     if not -LOWER_WITHIN <= off <= HIGHER_WITHIN:
         return trunk
     spread = HIGHER_SPREAD if off > 0 else LOWER_SPREAD

@@ -8,7 +8,9 @@ from storage.formats.capture.capture import read_capture
 from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import open_video, read_blocks
 from storage.schema import JOINTS
+from tasks.body.anatomy.proportions import LEAST_REACH
 from tasks.body.initial import search
+from tasks.body.initial.arms import measure_arms, reach_of_head
 from tasks.body.initial.held_hulls import frames_around
 from tasks.body.initial.search import (
     InitialModelSettings,
@@ -24,6 +26,7 @@ from tasks.reconstruction.silhouettes import extract_silhouettes
 from tasks.rendering.initial_model import draw_initial_model
 from tasks.studio.dancing.choreography import freely
 from tasks.studio.performances import TK, generate_performance
+from tests.benchmarks.pose_dances import reshape
 from tests.figures.initial_figures import (
     GRID,
     LIMBS,
@@ -220,6 +223,20 @@ def test_lost_hands_are_put_in_and_said(stretched):
     for side in "RL":
         off = model.position - whole.position
         assert np.linalg.norm(off[JOINTS.index(f"{side}Fin")]) < 0.2
+
+
+def test_a_large_head_is_not_taken_for_lost_hands(stretched):
+    """A child of 1.1 m: of short legs and arms, whose head is nearly an adult's."""
+    child = reshape(stretched[None], legs=0.66, trunk=0.75, arms=0.7, head=1.15)[0]
+    figure = figure_of(child, "fitting")
+    point = voxel_centers(GRID, np.argwhere(figure.occupied))
+    assert reach_of_head(point, measure_arms(point, VOXEL)) < LEAST_REACH
+    model = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
+    assert not any("lost the hands" in note for note in model.notes)
+    error = errors_mm(model, child)
+    assert error.mean() < 40
+    assert error.max() < 110
+    assert model.confidence > 0.6
 
 
 def test_an_arm_that_is_cut_short_does_not_move_the_trunk(stretched):

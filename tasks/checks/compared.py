@@ -17,7 +17,11 @@ from tasks.capture.tangency import Touches, join_touches, touches_of
 from tasks.checks.telling import By, Telling, told_by
 from tasks.reconstruction.regions.masks import mask_facts, silhouettes_of
 from tasks.reconstruction.regions.stale_outlines import stale_outline
-from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
+from tasks.reconstruction.silhouettes import (
+    SilhouetteSettings,
+    expected_of_all,
+    extract_silhouettes,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,10 @@ class Seeing:
     def silhouettes(
         self, camera: int, frames: NDArray[np.uint8], masks: NDArray[np.uint8] | None
     ) -> NDArray[np.bool_]:
-        """Return (time, row, column) silhouettes of a camera in frames, or of their masks."""
+        """Return (time, row, column) silhouettes of a camera in frames, or of their masks.
+
+        No other camera is asked, as it may have begun later.
+        """
         if masks is not None:
             return silhouettes_of(masks)
         return extract_silhouettes(frames, self.backgrounds[camera], self.settings)
@@ -105,9 +112,10 @@ def see_silhouettes(
     backgrounds = seeing.backgrounds
     stale = np.zeros_like(silhouettes)
     gains = []
+    expected = expected_of_all(frames, backgrounds, capture, seeing.settings)
     for c, (film, background) in enumerate(zip(frames, backgrounds, strict=True)):
         room = np.s_[:, c, : film.shape[1], : film.shape[2]]
-        silhouettes[room] = seeing.silhouettes(c, film, None)
+        silhouettes[room] = extract_silhouettes(film, background, seeing.settings, expected[c])
         found = zip(silhouettes[room], film, strict=True)
         stale[room] = [stale_outline(each, frame, background.color) for each, frame in found]
         gains.append(float(np.median([measure_gain(smooth(frame), background) for frame in film])))

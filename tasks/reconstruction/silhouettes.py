@@ -11,10 +11,12 @@
             threshold. It swells the outline by a pixel, and a deep shadow is the performer to it.
 
 Both compare pictures smoothed by 1-2-1, which is less than the camera and its codec did already.
-A frame is judged by itself, so that a take may be cut into blocks anywhere.
+A frame is judged by itself, so that a take may be cut into blocks anywhere. Before a backdrop
+without color a frame is looked at twice: `tasks.reconstruction.regions.colorless`.
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -28,36 +30,24 @@ from storage.blocks import Written, write_block
 from storage.formats.capture.capture import Capture, capture_of
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.empty_stages import check_telling, read_backgrounds
-from tasks.capture.films import compared_frames, largest_image, read_films_and_masks
+from tasks.capture.films import (
+    compared_frames,
+    grid_of,
+    largest_image,
+    projection_of,
+    read_films_and_masks,
+)
 from tasks.capture.screens import key_fault
-from tasks.engine.kernels import njit
 from tasks.engine.progress import within
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
+from tasks.reconstruction.regions.colorless import expect_performer, has_no_color
 from tasks.reconstruction.regions.components import clean_region
+from tasks.reconstruction.regions.differences import Held, differ_in_chroma, differ_in_color
 from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
 from tasks.reconstruction.regions.stale_outlines import stale_outline
-
-_BLACK = np.float32(1.0)
-"""Square of a length that is added to that of the background's color [levels²]. It gives black,
-which has no color, a direction that divides."""
-
-_LUMA_OF_RED = np.float32(0.299)
-"""Share of red in luma. ITU-R BT.601."""
-
-_LUMA_OF_GREEN = np.float32(0.587)
-"""Share of green in luma. ITU-R BT.601."""
-
-_LUMA_OF_BLUE = np.float32(0.114)
-"""Share of blue in luma. ITU-R BT.601."""
-
-_CR_OF_RED = np.float32(0.713)
-"""Factor from the difference of red and luma to Cr [factor]. ITU-R BT.601: 0.5 / (1 - 0.299)."""
-
-_CB_OF_BLUE = np.float32(0.564)
-"""Factor from the difference of blue and luma to Cb [factor]. ITU-R BT.601: 0.5 / (1 - 0.114)."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +139,7 @@ def extract_silhouettes(
     frames: NDArray[np.uint8],
     background: Background,
     settings: SilhouetteSettings = DEFAULT,
+    expected: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Return where each frame of a camera shows the performer.
 
@@ -160,12 +151,14 @@ def extract_silhouettes(
         Of the same camera: `tasks.capture.backgrounds.make_background`.
     settings
         The rule and its numbers.
+    expected : (time, row, column) bool, optional
+        Pixels that are the performer's as the other cameras tell: `expected_of_all`.
 
     Returns
     -------
     (time, row, column) bool
-        True where a pixel shows the performer. A frame's silhouette depends on that frame and
-        the background alone.
+        True where a pixel shows the performer. A frame's silhouette depends on that frame, the
+        background and what is expected alone.
 
     Raises
     ------
@@ -174,33 +167,68 @@ def extract_silhouettes(
     """
     _check_frames(frames, background)
     silhouettes = np.zeros(frames.shape[:3], np.bool_)
-    held = _Held(background)
-    for frame, silhouette in zip(frames, silhouettes, strict=True):
+    held = Held(background)
+    for n, (frame, silhouette) in enumerate(zip(frames, silhouettes, strict=True)):
         image = smooth(frame, held.planes)
         seed = _seed(image, background, held, settings)
+        if expected is not None:
+            seed |= expected[n]
         box = _box(seed, 2 * settings.reach_px)
         if box is None:
             continue
         least = settings.component_share * seed.size, settings.hole_share * seed.size
         region = seed[box].copy()
         if settings.rule == "chroma":
-            region = _outlined(region, (box[0].start, box[1].start), held, least, settings)
+            corner = box[0].start, box[1].start
+            surely = None if expected is None else expected[n][box]
+            region = _outlined(region, corner, held, least, settings, surely)
         cleaned = np.empty(region.shape, np.bool_)
         clean_region(region, least, cleaned)
         silhouette[box] = cleaned
     return silhouettes
 
 
-class _Held:
-    """Arrays of the size of a picture, made once: the system takes its time to hand them out."""
+def looked_at_twice(
+    backgrounds: Sequence[Background], settings: SilhouetteSettings = DEFAULT
+) -> list[bool]:
+    """Return of which cameras frames are looked at twice: those whose backdrop has no color."""
+    return [
+        settings.rule == "chroma" and has_no_color(background, settings.threshold)
+        for background in backgrounds
+    ]
 
-    def __init__(self, background: Background) -> None:
-        size = background.color.shape[:2]
-        self.behind = np.empty((4, *size), np.float32)
-        self.behind[:3] = background.color.transpose(2, 0, 1)
-        self.behind[3] = self.behind[0] + self.behind[1] + self.behind[2]
-        self.planes = np.empty((3, *size), np.uint8)
-        self.seed = np.empty(size, np.uint8)
+
+def expected_of_all(
+    films: Sequence[NDArray[np.uint8]],
+    backgrounds: Sequence[Background],
+    capture: Capture,
+    settings: SilhouetteSettings = DEFAULT,
+) -> list[NDArray[np.bool_] | None]:
+    """Return which pixels of each camera the cameras together tell to be the performer's.
+
+    Parameters
+    ----------
+    films : sequence of (time, row, column, 3) uint8
+        RGB, of the same moments, an array a camera.
+    backgrounds
+        Of each camera.
+    capture, settings
+        Whose cameras and volume these are; the rule and its numbers.
+
+    Returns
+    -------
+    list of (time, row, column) bool
+        None of a camera that is not `looked_at_twice`.
+    """
+    twice = looked_at_twice(backgrounds, settings)
+    if not any(twice):
+        return [None] * len(films)
+    where = projection_of(capture.cameras), grid_of(capture)
+    expected = expect_performer(films, backgrounds, *where)
+    return [
+        each[:, : film.shape[1], : film.shape[2]] if is_needed else None
+        for each, film, is_needed in zip(expected, films, twice, strict=True)
+    ]
 
 
 def _check_frames(frames: NDArray[Any], background: Background) -> None:
@@ -219,12 +247,12 @@ def _check_frames(frames: NDArray[Any], background: Background) -> None:
 
 
 def _seed(
-    image: NDArray[np.uint8], background: Background, held: _Held, settings: SilhouetteSettings
+    image: NDArray[np.uint8], background: Background, held: Held, settings: SilhouetteSettings
 ) -> NDArray[np.uint8]:
     """Return the pixels that may show the performer: 1, the others 0."""
     if settings.rule == "crcb":
         threshold = np.float32(settings.crcb_threshold)
-        _differ_in_chroma(image, background.color, threshold, held.seed)
+        differ_in_chroma(image, background.color, threshold, held.seed)
         return held.seed
     limits = np.array(
         [
@@ -236,24 +264,32 @@ def _seed(
         ],
         np.float32,
     )
-    _differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
+    differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
     return held.seed
 
 
 def _outlined(
     seed: NDArray[np.uint8],
     corner: tuple[int, int],
-    held: _Held,
+    held: Held,
     least: tuple[float, float],
     settings: SilhouetteSettings,
+    expected: NDArray[np.bool_] | None,
 ) -> NDArray[np.uint8]:
-    """Return the seed, which begins at a corner, with its outline where the colors meet."""
+    """Return the seed, which begins at a corner, with its outline where the colors meet.
+
+    Where the performer is expected, one off all mixtures by the threshold is another color.
+    """
     found = np.empty(seed.shape, np.bool_)
     clean_region(seed, least, found)
     inside = found.view(np.uint8)
     rule = settings.reach_px, settings.cut, settings.other_color
+    closer = settings.reach_px, settings.cut, min(settings.other_color, settings.threshold)
     for _ in range(settings.passes):
-        inside = draw_outline(inside, held.planes, held.behind, corner, rule)
+        before = inside
+        inside = draw_outline(before, held.planes, held.behind, corner, rule)
+        if expected is not None:
+            inside |= draw_outline(before, held.planes, held.behind, corner, closer) & expected
     return inside
 
 
@@ -266,48 +302,6 @@ def _box(seed: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
         slice(max(row - margin, 0), row + rows + margin),
         slice(max(column - margin, 0), column + columns + margin),
     )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _differ_in_color(image: Any, behind: Any, noise: Any, limits: Any, seed: Any) -> None:
-    """Set the pixels whose color no brightness of the background between the limits explains.
-
-    Planes of a channel each, and loops without branches, so that they are vectorized.
-    """
-    gain, threshold, levels, darkest, brightest = limits
-    columns = seed.shape[1]
-    far, limit = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    for i in range(seed.shape[0]):
-        red, green, blue = image[0, i], image[1, i], image[2, i]
-        red_behind, green_behind, blue_behind = behind[0, i], behind[1, i], behind[2, i]
-        for j in range(columns):
-            r, g, b = np.float32(red[j]), np.float32(green[j]), np.float32(blue[j])
-            br, bg, bb = gain * red_behind[j], gain * green_behind[j], gain * blue_behind[j]
-            length = br * br + bg * bg + bb * bb + _BLACK
-            share = (r * br + g * bg + b * bb) / length
-            share = share if share > darkest else darkest
-            share = share if share < brightest else brightest
-            r, g, b = r - share * br, g - share * bg, b - share * bb
-            far[j] = r * r + g * g + b * b
-        for j in range(columns):
-            least = levels * noise[i, j]
-            least = least if least > threshold else threshold
-            limit[j] = least * least
-        for j in range(columns):
-            seed[i, j] = far[j] > limit[j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _differ_in_chroma(image, color, threshold, seed):
-    """Set the pixels whose Cr or Cb (ITU-R BT.601) is farther than `threshold` from the color's."""
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            r = np.float32(image[i, j, 0]) - color[i, j, 0]
-            g = np.float32(image[i, j, 1]) - color[i, j, 1]
-            b = np.float32(image[i, j, 2]) - color[i, j, 2]
-            y = _LUMA_OF_RED * r + _LUMA_OF_GREEN * g + _LUMA_OF_BLUE * b
-            cr, cb = _CR_OF_RED * (r - y), _CB_OF_BLUE * (b - y)
-            seed[i, j] = max(abs(cr), abs(cb)) > threshold
 
 
 def extract_block(
@@ -346,6 +340,7 @@ def extract_block(
     source = capture_of(capture, digest)
     check_telling(source, settings.background, settings.key)
     backgrounds = _backgrounds(source, settings)
+    twice = looked_at_twice(backgrounds, settings)
     rows, columns = largest_image(source.cameras)
     packed = np.zeros((end - start, len(source.cameras), rows, -(-columns // 8)), np.uint8)
     compared = [n for n in compared_frames(source.frames) if start <= n < end]
@@ -353,8 +348,15 @@ def extract_block(
     facts = np.zeros((len(compared), len(source.cameras), MASK_FACTS))
     color: list[NDArray[np.uint8]] = []
     for first, films, masks in read_films_and_masks(source, start, end):
+        ends = [(n - start) / (end - start) for n in (first, first + len(films[0]))]
+        middle = sum(ends) / 2.0 if any(twice) else ends[0]
+        with within(ends[0], middle):
+            expected = expected_of_all(films, backgrounds, source, settings)
 
-        def extract(camera: int, first: int = first, films: Any = films, masks: Any = masks) -> Any:
+        def extract(
+            camera: int, first: int = first, films: Any = films, masks: Any = masks,
+            expected: Any = expected,
+        ) -> Any:  # fmt: skip
             film = films[camera]
             here = [(n, m - first) for n, m in enumerate(compared) if 0 <= m - first < len(film)]
             if masks:
@@ -364,7 +366,7 @@ def extract_block(
                 for each, mask, silhouette in zip(film, masks[camera], found, strict=True):
                     color_rim(each, mask, silhouette)
             else:
-                found = extract_silhouettes(film, backgrounds[camera], settings)
+                found = extract_silhouettes(film, backgrounds[camera], settings, expected[camera])
                 for n, frame in here:
                     seen = found[frame], film[frame], backgrounds[camera].color
                     _put(stale[n, camera], np.packbits(stale_outline(*seen), axis=-1))
@@ -372,8 +374,7 @@ def extract_block(
             _put(packed[first - start : first - start + len(bits), camera], bits)
             return [take_pixels(each, frame) for each, frame in zip(bits, film, strict=True)]
 
-        ends = (first - start, first - start + len(films[0]))
-        with within(ends[0] / (end - start), ends[1] / (end - start)):
+        with within(middle, ends[1]):
             of_cameras = side_by_side(extract, range(len(films)))
         color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
     arrays = {

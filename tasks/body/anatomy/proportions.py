@@ -36,7 +36,7 @@ little less than the least that was seen; see `USUAL_REACH`."""
 LEAST_SPAN = 0.87
 """Span of the arms at least, where both hands show [heights of the performer]. A child's head is
 large beside its arms as an adult's is that has lost both hands, but the arms span about the height
-at all ages: 0.91 to 1.05 of a hull's in 33 captures of performers from 1.06 to 1.85 m, 0.75 without
+at all ages: 0.91 to 1.11 of a hull's in 24 captures of performers from 1.08 to 1.8 m, 0.75 without
 hands, 0.84 with hands in sleeves."""
 
 SHOULDER_SHARE = 0.20

@@ -11,6 +11,7 @@ from tasks.capture import backgrounds
 from tasks.capture.backgrounds import Background, make_background, measure_gain, smooth
 from tasks.reconstruction import silhouettes as stage
 from tasks.reconstruction.regions.components import clean_region
+from tasks.reconstruction.regions.differences import differ_in_chroma, differ_in_color
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
 from tests.twins import silhouettes as naive
@@ -108,7 +109,7 @@ def test_color_distance_agrees_with_its_naive_twin(rng, levels):
     gain, darkest, brightest, threshold = 1.1, 0.6, 1.2, 14.0
     seed = np.empty(image.shape[:2], np.uint8)
     limits = np.array([gain, threshold, levels, darkest, brightest], np.float32)
-    stage._differ_in_color(planes(image), planes(background.color), background.noise, limits, seed)
+    differ_in_color(planes(image), planes(background.color), background.noise, limits, seed)
     checked = 0
     for i, j in np.ndindex(seed.shape):
         behind = 1.1 * background.color[i, j].astype(float)
@@ -124,7 +125,7 @@ def test_color_distance_agrees_with_its_naive_twin(rng, levels):
 def test_chroma_distance_agrees_with_its_naive_twin(rng):
     background, image = random_scene(rng)
     seed = np.empty(image.shape[:2], np.uint8)
-    stage._differ_in_chroma(image, background.color, np.float32(9.0), seed)
+    differ_in_chroma(image, background.color, np.float32(9.0), seed)
     for i, j in np.ndindex(seed.shape):
         seen, behind = naive.chroma(image[i, j]), naive.chroma(background.color[i, j])
         far = max(abs(a - b) for a, b in zip(seen, behind, strict=True))

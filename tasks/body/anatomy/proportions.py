@@ -86,11 +86,12 @@ HIPS_BELOW_TOP = 0.495
 """From the top of the head down to the middle of the hips [statures]. 0.470 by Drillis and Contini
 to the bone beside the joint, which is 0.02 higher; 0.48 to 0.51 in rigs."""
 
-GROWN_M = 1.5
-"""Stature from which proportions are those of adults [m]. Girls and boys reach it at 12 to 13
-years, when the share of the sitting height has fallen to an adult's (Bundak et al. 2014)."""
+GROWN_M = 1.45
+"""Stature from which proportions are those of adults [m]. Girls and boys are so tall at 11 years,
+not long before the share of the sitting height is an adult's (Bundak et al. 2014); adults who are
+smaller are rare."""
 
-TRUNK_OF_CHILDREN = 0.09
+TRUNK_OF_CHILDREN = 0.10
 """How much more of a child's stature is above the hips [statures / m below `GROWN_M`]. Sitting
 height is 0.55 to 0.56 of the stature from 6 to 8.5 years, when children are 1.15 to 1.3 m tall, and
 0.52 to 0.53 in adults (Bundak et al. 2014; Fredriks et al. 2005)."""

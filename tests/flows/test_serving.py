@@ -63,7 +63,7 @@ class Serve:
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 self.command(
-                    "--port", str(self.port), "--every", "15", "--settle", "1", "--limit", "4"
+                    "--port", str(self.port), "--every", "20", "--settle", "1", "--limit", "4"
                 ),
                 env=self.environment,
                 stderr=log,

@@ -25,6 +25,7 @@ from tasks.engine.progress import listening
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
+from tasks.reconstruction.still_things import find_still_take
 from tasks.settings import Settings
 from tasks.takes.assembling import Blocks
 
@@ -132,10 +133,11 @@ def make_poses(
     hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
     shared |= {"hulls": hulls}
     frames = hulls[-1].end
+    still = run(find_still_take, **shared, into=_into(recording, "still_things", 0))
     with _told(tell, "initial_model", 0, frames):
         model = run(
             model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
-            settings=settings.initial_model,
+            settings=settings.initial_model, still=still.block,
         )  # fmt: skip
     by_paper = settings.pose_fitting.method == "paper"
     with _told(tell, "pose_fitting", 0, frames):
@@ -143,7 +145,7 @@ def make_poses(
             fit_take, **shared, colors=colors, initial=model.block,
             into=_into(recording, "pose_fitting", 0),
             settings=settings.pose_fitting.read_by_method(),
-            provisional=settings.for_labels() if by_paper else None,
+            provisional=settings.for_labels() if by_paper else None, still=still.block,
         )  # fmt: skip
     shared |= {"initial": model.block, "fitted": fit.block}
     final, provisional = [], []
@@ -152,7 +154,7 @@ def make_poses(
             final.append(
                 run(
                     label_block, **shared, into=_into(recording, "final_labeling", hull.start),
-                    start=hull.start, end=hull.end,
+                    start=hull.start, end=hull.end, still=still.block,
                 )
             )  # fmt: skip
         if not settings.provisional_labeling.keep:
@@ -171,6 +173,7 @@ def make_poses(
             settings=settings.joint_tracks,
         )  # fmt: skip
     return {
+        "still_things": [still],
         "initial_model": [model],
         "pose_fitting": [fit],
         "final_labeling": final,

@@ -68,10 +68,11 @@ def label_block_provisionally(
             frames, frame, lines, fit["seen"][frame], is_skin,
             reach_m=reach_m, least_m2=settings.least_skin_m2,
         )  # fmt: skip
-        return label_provisionally(
+        label = label_provisionally(
             lines, lines_of(frames.hull(previous)), final[previous], share, settings,
             skin_label=skin,
         )  # fmt: skip
+        return np.where(final[frame] > 0, label, 0).astype(np.uint8)
 
     arrays = {"provisional_label": np.concatenate(side_by_side(label, range(start, end)))}
     return write_block(place, into, (start, end), arrays, begun)

@@ -1,8 +1,8 @@
 """The order of the stages from films to joints, whoever runs them: a flow, a benchmark or a test.
 
-Films -> silhouettes -> visual hulls -> colored voxels -> initial model -> poses -> final labels ->
-provisional labels -> joint tracks. (The paper's provisional labels come before the pose: its
-method makes them inside the fit; what the stage stores are the same.)
+Films -> silhouettes -> visual hulls -> colored voxels -> things that stand still -> initial model
+-> poses -> final labels -> provisional labels -> joint tracks. (The paper's provisional labels come
+before the pose: its method makes them inside the fit; what the stage stores are the same.)
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -133,7 +133,8 @@ def make_poses(
     hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
     shared |= {"hulls": hulls}
     frames = hulls[-1].end
-    still = run(find_still_take, **shared, into=_into(recording, "still_things", 0))
+    with _told(tell, "still_things", 0, frames):
+        still = run(find_still_take, **shared, into=_into(recording, "still_things", 0))
     with _told(tell, "initial_model", 0, frames):
         model = run(
             model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),

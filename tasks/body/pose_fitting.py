@@ -31,7 +31,7 @@ from tasks.body.extremities.places import (
     ExtremitySettings,
     find_extremities,
 )
-from tasks.body.labels.fields import carry_back, nearest_bones
+from tasks.body.labels.fields import BoneFields, carry_back, nearest_bones
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.body.labels.things import find_staying
@@ -109,7 +109,8 @@ def fit_take(
         `find_doubts`, of the method `joint` also `doubt` (time, 11) as of `settle_doubt`,
         `hands_unsure` and `feet_unsure` (time,) bool,
         what labels voxels (of `joint` the body's fields, `turn` and `shift` a frame, and `staying`,
-        the numbers of voxels in which something stays far from all bones; of
+        the numbers of voxels in which something stays far from all bones of a body that was
+        measured with confidence; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
         with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
         skin.
@@ -130,7 +131,10 @@ def fit_take(
         )  # fmt: skip
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
-            arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
+            measured = float(first["confidence"]) >= settings.doubts.least_confidence
+            arrays, blobs = _fit_jointly(
+                frames, start, seen, source.initial, settings.joint, measured=measured
+            )
         else:
             rule = provisional or ProvisionalSettings()
             arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
@@ -177,9 +181,9 @@ class _Surfaces(Sequence[SurfaceFrame]):
 
 def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
-    settings: JointMethodSettings,
+    settings: JointMethodSettings, *, measured: bool,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
-    """Fit all segments of all frames at once."""
+    """Fit all segments of all frames at once; `measured` says whether the body surely was."""
     fitted = fit_poses(
         HullFrames(frames),
         frames.grid,
@@ -205,13 +209,6 @@ def _fit_jointly(
         np.array(frames.grid.origin_m),
         frames.grid.voxel_m,
     )
-    some = frames_all_over(len(frames), _LOOKED_AT)
-    hulls = [frames.hull(frame) for frame in some]
-    far = [
-        nearest_bones(lines_of(hull), fields, turn[frame], shift[frame]) < 0
-        for hull, frame in zip(hulls, some, strict=True)
-    ]
-    staying = find_staying(hulls, far, frames.grid.shape)
     arrays = {
         "initial_joint": fitted.initial,
         "joint": fitted.position,
@@ -224,10 +221,23 @@ def _fit_jointly(
         "feet_unsure": fitted.unsure_sides[:, 1],
         "turn": turn,
         "shift": shift,
-        "staying": np.flatnonzero(staying),
+        "staying": _find_staying(frames, fields, turn, shift) if measured else np.zeros(0, int),
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
+
+
+def _find_staying(
+    frames: VoxelFrames, fields: BoneFields, turn: NDArray[np.float64], shift: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """Return the numbers of the voxels where something stays that is far from all bones."""
+    some = frames_all_over(len(frames), _LOOKED_AT)
+    hulls = [frames.hull(frame) for frame in some]
+    far = [
+        nearest_bones(lines_of(hull), fields, turn[frame], shift[frame]) < 0
+        for hull, frame in zip(hulls, some, strict=True)
+    ]
+    return np.flatnonzero(find_staying(hulls, far, frames.grid.shape))
 
 
 def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> JointMethodSettings:

@@ -135,7 +135,7 @@ def describe_still_things(things: VoxelRuns, grid: VoxelGrid) -> tuple[str, ...]
     return (
         f"Something that is not the performer stands still at x = {middle[0]:.2f}, z = "
         f"{middle[2]:.2f} m, up to {high[1]:.2f} m high ({1e3 * len(point) * grid.voxel_m**3:.0f} "
-        "liters): it was left out of the pose, and its voxels belong to no segment.",
+        "liters): it is left out of the pose, and its voxels belong to no segment.",
     )
 
 

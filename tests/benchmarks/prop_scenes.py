@@ -27,6 +27,9 @@ PAPER: tuple[Color, Color] = ((206, 40, 50), (236, 196, 60))
 BACKDROP = (62, 140, 76)
 """The color of the green stage [RGB]."""
 
+ROOM_M = 0.45
+"""How far from the middle of a chair all joints stay."""
+
 FRAMES = 110
 PRINT_M = (0.095, 0.10)
 """Half the width and half the height of the print on the chest."""
@@ -43,11 +46,18 @@ def box(low: Sequence[float], high: Sequence[float], frames: int) -> Tube:
     return close_tube(grid, np.ones((2, 4), int), WOOD)
 
 
-def chair(joints: dict[str, Track], aside: float = 0.75, behind: float = 0.35) -> list[Tube]:
-    """Return a chair beside and behind where the dancer begins."""
-    hips = (joints["RHip"] + joints["LHip"])[0] / 2
-    left = unit((joints["LHip"] - joints["RHip"])[0] * [1.0, 0.0, 1.0])
-    x, _, z = hips + aside * left - behind * np.cross(left, [0.0, 1.0, 0.0])
+def chair(joints: dict[str, Track]) -> list[Tube]:
+    """Return a chair as near to the dancer as the dance leaves room for it."""
+    all_joints = np.stack(list(joints.values()), axis=1)[..., [0, 2]].reshape(-1, 2)
+    middle = (joints["RHip"] + joints["LHip"])[:, [0, 2]].mean(axis=0) / 2
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    places = [
+        middle + far * np.array([np.cos(a), np.sin(a)])
+        for far in np.arange(0.4, 2.5, 0.05)
+        for a in angle
+    ]
+    room = (np.linalg.norm(all_joints - place, axis=1).min() for place in places)
+    x, z = next(place for place, free in zip(places, room, strict=True) if free > ROOM_M)
     parts = [((-0.22, 0.42, -0.22), (0.22, 0.47, 0.22)), ((-0.22, 0.47, -0.22), (0.22, 0.9, -0.17))]
     parts += [
         ((a - 0.025, 0.0, b - 0.025), (a + 0.025, 0.44, b + 0.025))

@@ -21,7 +21,7 @@ _SLIT = np.ones((3, 3), np.uint8)
 _LEAST = 8
 """How many pixels a hole has at least [pixels]."""
 
-_PIXELS = 12
+_PIXELS = 6
 """How many pixels of a hole are asked first, evenly [pixels]. Chosen, not measured."""
 
 _MANY = 0.3
@@ -182,7 +182,9 @@ def _is_inside(x: Any, y: Any, z: Any, own: Any, silhouettes: Any, lens: Any) ->
     """Return whether all other cameras that see a point film it inside, and enough see it."""
     poses, intrinsics, distortion, radius, image_size = lens
     seeing = 0
-    for c in range(len(poses)):
+    count = len(poses)
+    for n in range(count):
+        c = (own + count // 4 + n) % count  # cameras at a right angle say no soonest
         m, inner = poses[c], intrinsics[c]
         d = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
         if c == own or d <= 0:

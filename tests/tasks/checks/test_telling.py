@@ -181,6 +181,20 @@ def test_a_performer_with_a_chair_or_seldom_somebody_else_is_one():
         assert judge_bodies(hulls, 0.04, "mask") == ([], [])
 
 
+@pytest.mark.parametrize("by", ["background", "mask"])
+def test_what_stands_still_beside_one_who_walks_is_noted_and_is_no_second_body(by):
+    chair = body_at(-1.2, size=(0.48, 0.92, 0.48))
+    walking = [np.concatenate([body_at(0.2 * t), chair]) for t in range(8)]
+    faults, [note] = judge_bodies(walking, 0.04, by)
+    assert faults == []
+    assert note.startswith(
+        "Something that is not the performer stands still at x = -0.98, z = 0.22"
+    )
+    standing = [np.concatenate([body_at(0.0), chair])] * 8
+    faults, notes = judge_bodies(standing, 0.04, by)
+    assert "wo bodies are seen in 8 of 8 frames" in "".join([*faults, *notes])
+
+
 @pytest.mark.parametrize("by", ["background", "film", "key", "mask"])
 def test_what_is_too_small_for_a_body_is_a_fault(by):
     scraps = [body_at(0.0, size=(0.1, 0.3, 0.1)), np.zeros((0, 3)), body_at(0.0, size=(0.12,) * 3)]

@@ -88,8 +88,8 @@ def _without_still_things(
     sides = (np.max([own.max(axis=0) for own in index], axis=0) + 1).tolist()
     grid = VoxelGrid((low[0], low[1], low[2]), voxel_m, (sides[0], sides[1], sides[2]))
     occupied = np.zeros((len(hulls), *sides), np.bool_)
-    for frame, own in zip(occupied, index, strict=True):
-        frame[tuple(own.T)] = True
+    for n, own in enumerate(index):
+        occupied[n][tuple(own.T)] = True
     runs = encode_runs(occupied)
     things = find_still_things([take_frame(runs, n) for n in range(len(hulls))], grid)
     left_out = decode_runs(things, 0)

@@ -31,11 +31,11 @@ ROOM_M = 0.45
 """How far from the middle of a chair all joints stay."""
 
 FRAMES = 110
-PRINT_M = (0.095, 0.10)
+PRINT_M = (0.065, 0.085)
 """Half the width and half the height of the print on the chest."""
 
 
-def box(low: Sequence[float], high: Sequence[float], frames: int) -> Tube:
+def box(low: Sequence[float] | Floats, high: Sequence[float] | Floats, frames: int) -> Tube:
     """Return an upright box that stands still."""
     x, y, z = zip(low, high, strict=True)
     ring = np.array([[x[1], z[1]], [x[0], z[1]], [x[0], z[0]], [x[1], z[0]]])[::-1]

@@ -157,7 +157,7 @@ def own_distance(
     cell = np.clip(np.floor(at).astype(np.int64), 0, sides - 1)
     begin = int(fields.sides[:bone].prod(axis=1).sum())
     number = (cell[:, 0] * sides[1] + cell[:, 1]) * sides[2] + cell[:, 2]
-    return fields.distance[begin + number] * (fields.most / _FULL)
+    return fields.distance[begin + number].astype(np.float64) * (fields.most / _FULL)
 
 
 def carry_back(

@@ -193,9 +193,11 @@ def _given_model(path: Path, frames: VoxelFrames) -> InitialModel:
     frame = given.frame or 0
     if frame >= len(frames):
         raise InputError(f"{path} is of frame {frame}; the take has the frames 0-{len(frames) - 1}")
-    hull = frames.hull(frame)
+    hull, label, kept = frames.hull(frame), given.label, frames.kept(frame)
+    if label is not None and kept is not None and len(label) == len(kept):
+        label = label[kept]  # a person labels all voxels, those of things among them
     try:
-        found = model_from_joints(hull, frames.grid, given.position, frame=0, label=given.label)
+        found = model_from_joints(hull, frames.grid, given.position, frame=0, label=label)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return replace(found, frame=frame)

@@ -7,7 +7,14 @@ import pytest
 
 from tasks.capture.backgrounds import smooth
 from tasks.checks.bodies import judge_bodies
-from tasks.checks.telling import Telling, all_faults, judge_telling, stale_shares, told_by
+from tasks.checks.telling import (
+    Telling,
+    all_faults,
+    filled_notes,
+    judge_telling,
+    stale_shares,
+    told_by,
+)
 from tasks.reconstruction.regions.masks import color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.stale_outlines import outline_of, stale_outline
 
@@ -202,3 +209,13 @@ def test_what_is_too_small_for_a_body_is_a_fault(by):
     assert notes == []
     assert faults[0].startswith("what the silhouettes carve is ")
     assert "liters in the median of the frames, and no body is below 6" in faults[0]
+
+
+def test_holes_that_were_filled_are_told_with_their_share_by_camera():
+    pixels = np.full((4, 3), 5000)
+    filled = np.array([[0, 0, 0], [0, 400, 8], [0, 200, 8], [0, 0, 8]])
+    [note] = filled_notes(filled, pixels, ["left", "front", "right"])
+    assert "other cameras see a body were filled" in note
+    assert "camera 'front' (3.0%)." in note
+    assert filled_notes(0 * filled, pixels, ["left", "front", "right"]) == []
+    assert filled_notes(0 * filled, 0 * pixels, ["left", "front", "right"]) == []

@@ -24,7 +24,7 @@ _LEAST = 8
 _PIXELS = 6
 """How many pixels of a hole are asked first, evenly [pixels]. Chosen, not measured."""
 
-_MANY = 0.3
+_MANY = 0.5
 """Of how many of these the other cameras see a body where a hole may be none [share]."""
 
 _NEARLY_ALL = 0.9

@@ -165,7 +165,7 @@ def make_poses(
                 run(
                     label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
                     into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
-                    end=hull.end, settings=settings.for_labels(),
+                    end=hull.end, settings=settings.for_labels(), still=still.block,
                 )
             )  # fmt: skip
     with _told(tell, "joint_tracks", 0, frames):

@@ -31,18 +31,18 @@ from tasks.body.extremities.places import (
     ExtremitySettings,
     find_extremities,
 )
-from tasks.body.labels.fields import BoneFields, carry_back, nearest_bones
+from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.body.labels.things import find_staying
 from tasks.body.paper_method import Start, fit_as_paper
-from tasks.body.poses.joint import fit_poses, fitted_blobs
+from tasks.body.poses.joint import FittedPoses, fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
 from tasks.body.poses.passes import JointMethodSettings
 from tasks.capture.films import frames_all_over, grid_of
 from tasks.engine.progress import within
 from tasks.engine.settings import check_ranges
-from tasks.geometry.voxel_lines import lines_of, marked_centers
+from tasks.geometry.voxel_lines import marked_centers
 from tasks.geometry.voxels import voxel_centers
 from tasks.reconstruction.voxel_frames import HullFrames, VoxelFrames
 
@@ -109,8 +109,8 @@ def fit_take(
         `find_doubts`, of the method `joint` also `doubt` (time, 11) as of `settle_doubt`,
         `hands_unsure` and `feet_unsure` (time,) bool,
         what labels voxels (of `joint` the body's fields, `turn` and `shift` a frame, and `staying`,
-        the numbers of voxels in which something stays far from all bones of a body that was
-        measured with confidence; of
+        the numbers of voxels in which something stays off a body that was measured with
+        confidence; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
         with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
         skin.
@@ -221,23 +221,17 @@ def _fit_jointly(
         "feet_unsure": fitted.unsure_sides[:, 1],
         "turn": turn,
         "shift": shift,
-        "staying": _find_staying(frames, fields, turn, shift) if measured else np.zeros(0, int),
+        "staying": _find_staying(frames, fitted) if measured else np.zeros(0, int),
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
 
 
-def _find_staying(
-    frames: VoxelFrames, fields: BoneFields, turn: NDArray[np.float64], shift: NDArray[np.float64]
-) -> NDArray[np.intp]:
-    """Return the numbers of the voxels where something stays that is far from all bones."""
+def _find_staying(frames: VoxelFrames, fitted: FittedPoses) -> NDArray[np.int64]:
+    """Return the numbers of the voxels where something stays off the body."""
     some = frames_all_over(len(frames), _LOOKED_AT)
     hulls = [frames.hull(frame) for frame in some]
-    far = [
-        nearest_bones(lines_of(hull), fields, turn[frame], shift[frame]) < 0
-        for hull, frame in zip(hulls, some, strict=True)
-    ]
-    return np.flatnonzero(find_staying(hulls, far, frames.grid.shape))
+    return find_staying(hulls, fitted.position[some], frames.grid, fitted.model.stature)
 
 
 def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> JointMethodSettings:

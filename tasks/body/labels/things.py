@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.schema import JOINTS
 from tasks.body.anatomy.bones import BONES
 from tasks.body.labels.fields import BoneFields, own_distance
 from tasks.body.labels.regions import find_regions_of
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import VoxelLines
-from tasks.geometry.voxels import VoxelRuns, voxel_numbers
+from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_numbers
 
 _HANDS = (BONES.index("RHand"), BONES.index("LHand"))
 
@@ -38,11 +39,26 @@ _BY_NECK = 0.25
 """How many of these are of hands, at least [share]. Beside the hand is the wrist."""
 
 _STAYS = 0.8
-"""In how many frames what stays is there and far from all bones, at least [share]. Chosen, not
+"""In how many frames what stays is there and off the body, at least [share]. Chosen, not
 measured."""
 
 _LEAST_FRAMES = 8
 """In how many frames at least [frames]."""
+
+_LINES = (
+    ("Head", "Neck", 0.13), ("Neck", "Waist", 0.14), ("Waist", "RHip", 0.14),
+    ("Waist", "LHip", 0.14),
+    *(
+        (side + one, side + other, thick)
+        for side in "RL"
+        for one, other, thick in (
+            ("Shoulder", "Elbow", 0.075), ("Elbow", "Wrist", 0.065), ("Wrist", "Fin", 0.07),
+            ("Hip", "Knee", 0.085), ("Knee", "Ankle", 0.065), ("Heel", "Foot", 0.065),
+        )
+    ),
+)  # fmt: skip
+"""Lines of the body between two joints, and how far from them a body in its clothes may be
+[statures]. Half as much again as an adult's limbs; chosen, not measured."""
 
 _OF_HAND = 0.3
 """How far from the voxels of a hand that holds a thing a voxel is the hand's [reaches of a bone].
@@ -68,10 +84,10 @@ def find_things(
     fields, turn, shift
         What bones carry along, as for `nearest_bones`.
     stays : (voxel,) bool, optional
-        Which voxels are where something stays that is far from all bones, as of `find_staying`.
+        Which voxels are where something stays, as of `find_staying`.
     """
     far = bone < 0
-    thing = np.zeros(len(bone), np.bool_) if stays is None else far & stays
+    thing = np.zeros(len(bone), np.bool_) if stays is None else stays.copy()
     if not far.any() or far.all():
         return thing
     stretch, column, beside, region, size = find_regions_of(far.view(np.uint8), lines)
@@ -94,23 +110,49 @@ def find_things(
 
 
 def find_staying(
-    hulls: Sequence[VoxelRuns], far: Sequence[NDArray[np.bool_]], shape: tuple[int, int, int]
-) -> NDArray[np.bool_]:
-    """Return (x, y, z) where something stays all through a take that is far from all bones.
+    hulls: Sequence[VoxelRuns],
+    position: NDArray[np.floating],
+    grid: VoxelGrid,
+    stature_m: float,
+) -> NDArray[np.int64]:
+    """Return the numbers of the voxels where something stays all through a take off the body.
 
     Parameters
     ----------
     hulls
         Of some frames all over the take, a single frame each.
-    far : sequence of (voxel,) bool
-        Which of their voxels are.
-    shape
-        Of their grid.
+    position : (time, 21, 3) float
+        The joints in these frames, m, as in `storage.schema.JOINTS`; NaN where there is none.
+    grid
+        The grid of the hulls.
+    stature_m
+        The performer's height.
     """
-    count = np.zeros(math.prod(shape), np.uint16)
-    for hull, own in zip(hulls, far, strict=True):
-        count[voxel_numbers(hull)[own]] += 1
-    return (count >= max(_STAYS * len(hulls), _LEAST_FRAMES)).reshape(shape)
+    least = max(_STAYS * len(hulls), _LEAST_FRAMES)
+    numbers = [voxel_numbers(hull) for hull in hulls]
+    count = np.zeros(math.prod(grid.shape), np.uint16)
+    for own in numbers:
+        count[own] += 1
+    staying = np.flatnonzero(count >= least)
+    point = voxel_centers(grid, np.stack(np.unravel_index(staying, grid.shape), axis=1))
+    off = np.zeros(len(staying), np.int64)
+    for own, joints in zip(numbers, position, strict=True):
+        off += np.isin(staying, own, assume_unique=True) & _off_the_body(point, joints, stature_m)
+    return staying[off >= least]
+
+
+def _off_the_body(
+    point: NDArray[np.float64], joints: NDArray[np.floating], stature_m: float
+) -> NDArray[np.bool_]:
+    """Return which points, m, are farther from all lines between joints than a body is thick."""
+    off = np.ones(len(point), np.bool_)
+    for one, other, thick in _LINES:
+        begin, end = joints[JOINTS.index(one)], joints[JOINTS.index(other)]
+        along = end - begin
+        share = (point - begin) @ along / max(float(along @ along), 1e-12)
+        foot = begin + np.clip(share, 0.0, 1.0)[:, None] * along
+        off &= ~(((point - foot) ** 2).sum(axis=1) <= (thick * stature_m) ** 2)  # NaN is no line
+    return off
 
 
 @njit(cache=True, nogil=True)

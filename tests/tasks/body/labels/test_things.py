@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from storage.schema import SEGMENTS
+from storage.schema import JOINTS, SEGMENTS
 from tasks.body.anatomy.bones import BONES
 from tasks.body.labels.fields import carry_back, make_fields
 from tasks.body.labels.final import label_carried
 from tasks.body.labels.things import find_staying
 from tasks.geometry.voxel_lines import lines_of_index
-from tasks.geometry.voxels import encode_runs
+from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers
 
 SHAPE = (70, 40, 40)
 ARM, HAND, TRUNK = np.s_[20:36, 18:22, 18:22], np.s_[36:42, 18:22, 18:22], np.s_[8:20, 8:32, 14:26]
@@ -78,23 +78,43 @@ def test_a_body_alone_and_one_who_is_nowhere_near_are_as_before(fields):
     assert (label(far, fields)[tuple(far.T)] == 0).all()
 
 
-def test_what_stays_far_from_the_body_all_through_a_take_is_found():
-    rng = np.random.default_rng(6)
-    occupied, far = rng.random((2, 10, 5, 4, 6)) < 0.5
-    occupied[:, 2, 1, 3:5] = far[:, 2, 1, 3:5] = True
-    far[0, 2, 1, 4] = False  # once a leg was near
-    occupied[:, 0, 0, 0], far[:, 0, 0, 0] = True, False  # a body that keeps in place
+def test_what_stays_off_the_body_all_through_a_take_is_found():
+    """A seated body, a rod behind it that a silhouette has lost once, and a cloth that moves."""
+    grid = VoxelGrid((-0.5, 0.0, -0.5), 0.05, (20, 33, 21))
+    joints = np.full((10, len(JOINTS), 3), np.nan)
+    for name, at in {
+        "Head": (0, 1.3, 0), "Neck": (0, 1.0, 0), "Waist": (0, 0.7, 0), "RHip": (0, 0.5, 0),
+        "LHip": (0, 0.5, 0), "RKnee": (0, 0.5, 0.4), "RAnkle": (0, 0.1, 0.4),
+    }.items():  # fmt: skip
+        joints[:, JOINTS.index(name)] = at
+    center = np.stack(np.meshgrid(*[np.arange(n) for n in grid.shape], indexing="ij"), axis=-1)
+    point = voxel_centers(grid, center)
+    body = (
+        (abs(point[..., 0]) < 0.1) & (abs(point[..., 2]) < 0.1) & (abs(point[..., 1] - 0.9) < 0.5)
+    )
+    body |= (
+        (abs(point[..., 0]) < 0.1)
+        & (abs(point[..., 1] - 0.5) < 0.1)
+        & (abs(point[..., 2] - 0.22) < 0.22)
+    )
+    rod, cloth = np.s_[4:6, 0:8, 3:5], np.s_[15:17, 0:8, 3:5]
+    occupied = np.broadcast_to(body, (10, *grid.shape)).copy()
+    occupied[:, *rod] = True
+    occupied[9, *rod] = False
+    occupied[::2, *cloth] = True
     hulls = [encode_runs(each[None]) for each in occupied]
-    marks = [own[each] for own, each in zip(far, occupied, strict=True)]
-    staying = find_staying(hulls, marks, (5, 4, 6))
-    np.testing.assert_array_equal(staying, (occupied & far).sum(axis=0) >= 8)
-    assert staying[2, 1, 3:5].all()
-    assert not staying[0, 0, 0]
+    wanted = np.zeros(grid.shape, bool)
+    wanted[rod] = True
+    found = find_staying(hulls, joints, grid, 1.7)
+    np.testing.assert_array_equal(found, np.flatnonzero(wanted))
+    assert not len(find_staying(hulls[:5], joints[:5], grid, 1.7))
 
 
-def test_cloth_that_stays_in_its_place_is_no_segments(fields):
+def test_what_stays_is_no_segments(fields):
     stays = np.zeros(SHAPE, bool)
-    stays[CLOTH] = stays[ARM] = True
+    stays[CLOTH] = True
     found = label(frame(CLOTH), fields, stays)
-    assert (found[24:34, 19:21, 2:8] == 0).all()
-    assert (found[ARM] == FORE_ARM).all()
+    assert (found[stays] == 0).all()
+    own = found.copy()
+    own[CLOTH] = -1
+    assert not (own == 0).any()

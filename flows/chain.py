@@ -1,8 +1,8 @@
 """The order of the stages from films to joints, whoever runs them: a flow, a benchmark or a test.
 
-Films -> silhouettes -> visual hulls -> colored voxels -> initial model -> poses -> final labels ->
-provisional labels -> joint tracks. (The paper's provisional labels come before the pose: its
-method makes them inside the fit; what the stage stores are the same.)
+Films -> silhouettes -> visual hulls -> colored voxels -> things that stand still -> initial model
+-> poses -> final labels -> provisional labels -> joint tracks. (The paper's provisional labels come
+before the pose: its method makes them inside the fit; what the stage stores are the same.)
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +25,7 @@ from tasks.engine.progress import listening
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
+from tasks.reconstruction.still_things import find_still_take
 from tasks.settings import Settings
 from tasks.takes.assembling import Blocks
 
@@ -132,10 +133,12 @@ def make_poses(
     hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
     shared |= {"hulls": hulls}
     frames = hulls[-1].end
+    with _told(tell, "still_things", 0, frames):
+        still = run(find_still_take, **shared, into=_into(recording, "still_things", 0))
     with _told(tell, "initial_model", 0, frames):
         model = run(
             model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
-            settings=settings.initial_model,
+            settings=settings.initial_model, still=still.block,
         )  # fmt: skip
     by_paper = settings.pose_fitting.method == "paper"
     with _told(tell, "pose_fitting", 0, frames):
@@ -143,7 +146,7 @@ def make_poses(
             fit_take, **shared, colors=colors, initial=model.block,
             into=_into(recording, "pose_fitting", 0),
             settings=settings.pose_fitting.read_by_method(),
-            provisional=settings.for_labels() if by_paper else None,
+            provisional=settings.for_labels() if by_paper else None, still=still.block,
         )  # fmt: skip
     shared |= {"initial": model.block, "fitted": fit.block}
     final, provisional = [], []
@@ -152,7 +155,7 @@ def make_poses(
             final.append(
                 run(
                     label_block, **shared, into=_into(recording, "final_labeling", hull.start),
-                    start=hull.start, end=hull.end,
+                    start=hull.start, end=hull.end, still=still.block,
                 )
             )  # fmt: skip
         if not settings.provisional_labeling.keep:
@@ -162,7 +165,7 @@ def make_poses(
                 run(
                     label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
                     into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
-                    end=hull.end, settings=settings.for_labels(),
+                    end=hull.end, settings=settings.for_labels(), still=still.block,
                 )
             )  # fmt: skip
     with _told(tell, "joint_tracks", 0, frames):
@@ -171,6 +174,7 @@ def make_poses(
             settings=settings.joint_tracks,
         )  # fmt: skip
     return {
+        "still_things": [still],
         "initial_model": [model],
         "pose_fitting": [fit],
         "final_labeling": final,

@@ -20,6 +20,7 @@ _EXPECTED: dict[str, tuple[float, float]] = {
     "silhouettes": (0.5, 0.017),
     "carving": (0.0, 0.008),
     "coloring": (0.0, 0.010),
+    "still_things": (0.3, 0.0),
     "initial_model": (2.0, 0.0),
     "pose_fitting": (2.0, 0.013),
     "final_labeling": (0.0, 0.0025),

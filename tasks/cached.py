@@ -29,6 +29,7 @@ from tasks.engine.fingerprints import fingerprint
 from tasks.reconstruction.carving import carve_block
 from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
+from tasks.reconstruction.still_things import find_still_take
 from tasks.retrieval.indexing import find_index, index_take
 
 _CACHED = "Cached"
@@ -124,6 +125,7 @@ _STAGES: dict[Callable[..., Any], Task[..., Any]] = {
         ("silhouettes", extract_block, _run_or_find_block),
         ("carving", carve_block, _run_or_find_block),
         ("coloring", color_block, _run_or_find_block),
+        ("still things", find_still_take, _run_or_find_block),
         ("initial model", model_take, _run_or_find_block),
         ("pose fitting", fit_take, _run_or_find_block),
         ("final labeling", label_block, _run_or_find_block),

@@ -17,13 +17,13 @@ from tasks.body.labels.final import label_carried, label_frame
 from tasks.capture.films import grid_of
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxel_lines import lines_of
-from tasks.geometry.voxels import voxel_centers
+from tasks.geometry.voxels import voxel_centers, voxel_numbers
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
 
 def label_block(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], initial: Block,
-    fitted: Block, into: str, start: int, end: int,
+    fitted: Block, into: str, start: int, end: int, still: Block | None = None,
 ) -> Written:  # fmt: skip
     """Write the final labels of the frames from `start` to before `end` as a block.
 
@@ -35,6 +35,8 @@ def label_block(
         What `carve_block` wrote, in the order of the frames.
     initial, fitted
         What `model_take` and `fit_take` wrote.
+    still
+        What `find_still_take` wrote: voxels that belong to no segment.
 
     Returns
     -------
@@ -43,14 +45,21 @@ def label_block(
     """
     begun = time.monotonic()
     place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls)
+    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls, still=still)
     fit = read_block(place, fitted)
     given = read_block(place, initial, ["label"])["label"]
 
     def label(frame: int) -> NDArray[np.uint8]:
         if "blob_mean" in fit and frame == initial.start:
-            return given  # the paper's labels of t = 0 are placed, not computed
-        return _label_frame(frames, frame, fit)
+            own = given  # the paper's labels of t = 0 are placed, not computed
+        else:
+            own = _label_frame(frames, frame, fit)
+        kept = frames.kept(frame)
+        if kept is None:
+            return own
+        whole = np.zeros(len(kept), np.uint8)
+        whole[kept] = own
+        return whole
 
     labels = side_by_side(label, range(start, end))
     arrays = {
@@ -71,4 +80,7 @@ def _label_frame(frames: VoxelFrames, frame: int, fit: dict[str, NDArray]) -> ND
     fields = BoneFields(
         fit["field_begin"], fit["field_sides"], fit["field_distance"], int(fit["field_most"])
     )
-    return label_carried(lines, fields, fit["turn"][frame], fit["shift"][frame])
+    staying, stays = fit["staying"], None
+    if len(staying):
+        stays = np.isin(voxel_numbers(frames.hull(frame)), staying, assume_unique=True)
+    return label_carried(lines, fields, fit["turn"][frame], fit["shift"][frame], stays)

@@ -53,7 +53,7 @@ frames the facing was wrong in one, with a margin of 0."""
 
 def model_take(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], colors: Sequence[Block],
-    into: str, settings: InitialModelSettings,
+    into: str, settings: InitialModelSettings, still: Block | None = None,
 ) -> Written:  # fmt: skip
     """Find the joints and labels that a take begins with, or take them from `initial.json`.
 
@@ -69,12 +69,15 @@ def model_take(
         Path of the block in the archive.
     settings
         Where stretched arms are looked for, and what counts as stretched.
+    still
+        What `find_still_take` wrote: voxels that are left out.
 
     Returns
     -------
     Written
         The block is of the one frame that was taken; its arrays are `position` (21, 3), m,
-        `label` of the frame's voxels, `confidence`, 0 to 1, and `stature_m`: as it was given, or
+        `label` of the voxels that the frame has without `still`, `confidence`, 0 to 1, and
+        `stature_m`: as it was given, or
         measured on these joints. All later stages go by that stature. Where the body was guessed
         there are also `guessed_from` (frame,), the frames; `facing_margin`, how much likelier they
         are than with the body facing the other way, by the mean logarithm of the voxels'
@@ -89,7 +92,7 @@ def model_take(
     begun = time.monotonic()
     source = capture_of(capture, digest)
     place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(source), hulls, colors)
+    frames = VoxelFrames(place, grid_of(source), hulls, colors, still)
     guessed: dict[str, NDArray] = {}
     if source.initial:
         found = _given_model(source.initial, frames)
@@ -190,9 +193,11 @@ def _given_model(path: Path, frames: VoxelFrames) -> InitialModel:
     frame = given.frame or 0
     if frame >= len(frames):
         raise InputError(f"{path} is of frame {frame}; the take has the frames 0-{len(frames) - 1}")
-    hull = frames.hull(frame)
+    hull, label, kept = frames.hull(frame), given.label, frames.kept(frame)
+    if label is not None and kept is not None and len(label) == len(kept):
+        label = label[kept]  # a person labels all voxels, those of things among them
     try:
-        found = model_from_joints(hull, frames.grid, given.position, frame=0, label=given.label)
+        found = model_from_joints(hull, frames.grid, given.position, frame=0, label=label)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return replace(found, frame=frame)

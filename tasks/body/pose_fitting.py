@@ -34,11 +34,12 @@ from tasks.body.extremities.places import (
 from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
+from tasks.body.labels.things import find_staying
 from tasks.body.paper_method import Start, fit_as_paper
-from tasks.body.poses.joint import fit_poses, fitted_blobs
+from tasks.body.poses.joint import FittedPoses, fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
 from tasks.body.poses.passes import JointMethodSettings
-from tasks.capture.films import grid_of
+from tasks.capture.films import frames_all_over, grid_of
 from tasks.engine.progress import within
 from tasks.engine.settings import check_ranges
 from tasks.geometry.voxel_lines import marked_centers
@@ -50,6 +51,10 @@ _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
 _SEEN, _FITTED = 0.27, 0.9
 """How much of the stage's time is over when face, hands and feet are found, and when the poses are
 fitted [share]. Measured as those of `tasks.body.poses.joint`."""
+
+_LOOKED_AT = 48
+"""In how many frames all over a take what stays far from the body is looked for [frames]. Chosen,
+not measured."""
 
 Blobs = list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # mean and inverse, a frame each
 
@@ -79,7 +84,7 @@ class PoseFittingSettings:
 def fit_take(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], colors: Sequence[Block],
     initial: Block, into: str, settings: PoseFittingSettings,
-    provisional: ProvisionalSettings | None = None,
+    provisional: ProvisionalSettings | None = None, still: Block | None = None,
 ) -> Written:  # fmt: skip
     """Fit the pose of every frame of a take.
 
@@ -93,6 +98,8 @@ def fit_take(
         The method and its numbers.
     provisional
         How frames are labeled that the method `paper` fits; `joint` reads no such labels.
+    still
+        As for `model_take`.
 
     Returns
     -------
@@ -101,7 +108,9 @@ def fit_take(
         (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,), why it is so as of
         `find_doubts`, of the method `joint` also `doubt` (time, 11) as of `settle_doubt`,
         `hands_unsure` and `feet_unsure` (time,) bool,
-        what labels voxels (of `joint` the body's fields, and `turn` and `shift` a frame; of
+        what labels voxels (of `joint` the body's fields, `turn` and `shift` a frame, and `staying`,
+        the numbers of voxels in which something stays off a body that was measured with
+        confidence; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
         with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
         skin.
@@ -109,7 +118,7 @@ def fit_take(
     begun = time.monotonic()
     source = capture_of(capture, digest)
     place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(source), hulls, colors)
+    frames = VoxelFrames(place, grid_of(source), hulls, colors, still)
     first = read_block(place, initial)
     start = Start(
         initial.start, first["position"], first["label"], float(first["stature_m"]), source.fps
@@ -122,7 +131,10 @@ def fit_take(
         )  # fmt: skip
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
-            arrays, blobs = _fit_jointly(frames, start, seen, source.initial, settings.joint)
+            measured = float(first["confidence"]) >= settings.doubts.least_confidence
+            arrays, blobs = _fit_jointly(
+                frames, start, seen, source.initial, settings.joint, measured=measured
+            )
         else:
             rule = provisional or ProvisionalSettings()
             arrays = fit_as_paper(frames, start, seen, settings.paper, rule)
@@ -169,9 +181,9 @@ class _Surfaces(Sequence[SurfaceFrame]):
 
 def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
-    settings: JointMethodSettings,
+    settings: JointMethodSettings, *, measured: bool,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
-    """Fit all segments of all frames at once."""
+    """Fit all segments of all frames at once; `measured` says whether the body surely was."""
     fitted = fit_poses(
         HullFrames(frames),
         frames.grid,
@@ -209,9 +221,17 @@ def _fit_jointly(
         "feet_unsure": fitted.unsure_sides[:, 1],
         "turn": turn,
         "shift": shift,
+        "staying": _find_staying(frames, fitted) if measured else np.zeros(0, int),
         **{f"field_{name}": np.asarray(value) for name, value in vars(fields).items()},
     }
     return arrays, [fitted_blobs(fitted, frame) for frame in range(len(frames))]
+
+
+def _find_staying(frames: VoxelFrames, fitted: FittedPoses) -> NDArray[np.int64]:
+    """Return the numbers of the voxels where something stays off the body."""
+    some = frames_all_over(len(frames), _LOOKED_AT)
+    hulls = [frames.hull(frame) for frame in some]
+    return find_staying(hulls, fitted.position[some], frames.grid, fitted.model.stature)
 
 
 def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> JointMethodSettings:

@@ -25,7 +25,7 @@ from tasks.reconstruction.voxel_frames import VoxelFrames
 def label_block_provisionally(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], colors: Sequence[Block],
     initial: Block, fitted: Block, labels: Sequence[Block], into: str, start: int, end: int,
-    settings: ProvisionalSettings,
+    settings: ProvisionalSettings, still: Block | None = None,
 ) -> Written:  # fmt: skip
     """Write the provisional labels of the frames from `start` to before `end` as a block.
 
@@ -41,6 +41,8 @@ def label_block_provisionally(
         What `label_block` wrote of all frames to before `end` at least, in their order.
     settings
         How volumes are restored, and how far skin moves.
+    still
+        As for `label_block`. What has no final label has no provisional one.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def label_block_provisionally(
     begun = time.monotonic()
     source = capture_of(capture, digest)
     place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(source), hulls, colors)
+    frames = VoxelFrames(place, grid_of(source), hulls, colors, still)
     first = read_block(place, initial, ["label", "stature_m"])
     fit = read_block(place, fitted, ["seen", "skin_hand", "skin_face"])
     share = np.bincount(first["label"], minlength=12)[1:].astype(np.float64)
@@ -68,10 +70,15 @@ def label_block_provisionally(
             frames, frame, lines, fit["seen"][frame], is_skin,
             reach_m=reach_m, least_m2=settings.least_skin_m2,
         )  # fmt: skip
-        return label_provisionally(
-            lines, lines_of(frames.hull(previous)), final[previous], share, settings,
-            skin_label=skin,
-        )  # fmt: skip
+        kept, kept_before = frames.kept(frame), frames.kept(previous)
+        known = final[previous] if kept_before is None else final[previous][kept_before]
+        found = label_provisionally(
+            lines, lines_of(frames.hull(previous)), known, share, settings, skin_label=skin
+        )
+        whole = np.zeros_like(final[frame])
+        whole[slice(None) if kept is None else kept] = found
+        whole[final[frame] == 0] = 0
+        return whole
 
     arrays = {"provisional_label": np.concatenate(side_by_side(label, range(start, end)))}
     return write_block(place, into, (start, end), arrays, begun)

@@ -31,7 +31,14 @@ from tasks.checks.consistency import (
     share_overlapped,
 )
 from tasks.checks.offsets import Passage, judge_beginnings, timing_of
-from tasks.checks.telling import By, all_faults, blind_why, filled_fault, judge_telling
+from tasks.checks.telling import (
+    By,
+    all_faults,
+    blind_why,
+    filled_fault,
+    filled_notes,
+    judge_telling,
+)
 from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
@@ -412,7 +419,7 @@ def check_take(
     """
     source = capture_of(capture, digest)
     projection, timing = projection_of(source.cameras), timing_of(source, settings.late_frames)
-    silhouettes, telling, touches = read_silhouettes(
+    silhouettes, telling, touches, (filled, pixels) = read_silhouettes(
         open_archive(archive), source, blocks, by, timing.step
     )
     wrong, known = judge_telling(telling, source, silhouettes)
@@ -420,7 +427,8 @@ def check_take(
     found = check_agreement(
         silhouettes, projection, grid_of(source), list(timing.names), settings, by
     )
-    notes = [*begun.notes, *known, *found.notes]
+    names = list(timing.names)
+    notes = [*begun.notes, *known, *found.notes, *filled_notes(filled[None], pixels[None], names)]
     if faults := all_faults(telling, wrong, (*begun.faults, *found.faults)):
         said = "\n".join(f"- {each}" for each in (*faults, *notes))
         raise InputError(f"{capture} cannot be digitized:\n{said}")

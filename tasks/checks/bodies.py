@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from tasks.checks.bounds import parts_of
 from tasks.checks.telling import By
+from tasks.geometry.voxels import VoxelGrid, decode_runs, encode_runs, take_frame
+from tasks.reconstruction.still_things import describe_still_things, find_still_things
 
 _LEAST_M3 = 0.006
 """How large the hull of a performer is at least [m³]. The smallest of nine rendered ones, of a
@@ -16,6 +18,11 @@ _SECOND = 0.35
 chair or a large fan mostly less; chosen, not measured."""
 _BODY_M = 0.6
 """How high a body is at least [m]. Somebody who sits on the floor; chosen, not measured."""
+_MOVES = 2.0
+"""How many times as many voxels as in one frame who moves fills in all of them [times]. Of two who
+both stand still none is a thing."""
+_STAYS_IN = 6
+"""In how many frames at least it is asked what stays in its place [frames]. Eight are looked at."""
 _OF_FRAMES = 0.5
 """In how many of the frames looked at two are seen where there are two [share]."""
 
@@ -52,6 +59,8 @@ def judge_bodies(
             f"frames, and no body is below {1000 * _LEAST_M3:.0f}: {why}, or the unit of the "
             "calibration is another"
         )
+    seen, still = _without_still_things(seen, voxel_m)
+    notes += still
     apart = [two for hull in seen if (two := _two_bodies(hull, voxel_m)) is not None]
     if len(apart) >= max(_OF_FRAMES * len(seen), 1):
         said = (
@@ -66,6 +75,29 @@ def judge_bodies(
                 "label 0; look at the labels, or make the volume smaller."
             )
     return faults, notes
+
+
+def _without_still_things(
+    hulls: Sequence[NDArray[np.float64]], voxel_m: float
+) -> tuple[Sequence[NDArray[np.float64]], tuple[str, ...]]:
+    """Return hulls without what stands still beside one who moves, and a sentence on it."""
+    if len(hulls) < _STAYS_IN:
+        return hulls, ()
+    low = np.min([hull.min(axis=0) for hull in hulls], axis=0)
+    index = [np.rint((hull - low) / voxel_m).astype(int) for hull in hulls]
+    sides = (np.max([own.max(axis=0) for own in index], axis=0) + 1).tolist()
+    grid = VoxelGrid((low[0], low[1], low[2]), voxel_m, (sides[0], sides[1], sides[2]))
+    occupied = np.zeros((len(hulls), *sides), np.bool_)
+    for n, own in enumerate(index):
+        occupied[n][tuple(own.T)] = True
+    runs = encode_runs(occupied)
+    things = find_still_things([take_frame(runs, n) for n in range(len(hulls))], grid)
+    left_out = decode_runs(things, 0)
+    rest = occupied & ~left_out
+    if not left_out.any() or rest.any(axis=0).sum() < _MOVES * rest.sum() / len(rest):
+        return hulls, ()
+    left = [hull[~left_out[tuple(own.T)]] for hull, own in zip(hulls, index, strict=True)]
+    return [hull for hull in left if len(hull)], describe_still_things(things, grid)
 
 
 def _two_bodies(hull: NDArray[np.float64], voxel_m: float) -> float | None:

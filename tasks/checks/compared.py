@@ -12,9 +12,16 @@ from storage.formats.capture.capture import Capture
 from storage.formats.pictures.video import open_masks, pick_frames
 from tasks.capture.backgrounds import Background, measure_gain, smooth
 from tasks.capture.empty_stages import check_telling, read_backgrounds
-from tasks.capture.films import compared_frames, largest_image, of_camera, projection_of
+from tasks.capture.films import (
+    compared_frames,
+    grid_of,
+    largest_image,
+    of_camera,
+    projection_of,
+)
 from tasks.capture.tangency import Touches, join_touches, touches_of
 from tasks.checks.telling import By, Telling, told_by
+from tasks.reconstruction.regions.holes import fill_holes
 from tasks.reconstruction.regions.masks import mask_facts, silhouettes_of
 from tasks.reconstruction.regions.stale_outlines import stale_outline
 from tasks.reconstruction.silhouettes import (
@@ -35,6 +42,8 @@ class Compared:
     """Of each camera, how many times as bright as its background its film is; 1 with masks."""
     behind: tuple[NDArray[np.uint8], ...]
     """(row, column, 3) of each camera, its background; with masks a frame of its film."""
+    filled: NDArray[np.int64]
+    """(time, camera) how many pixels were holes that the other cameras contradict."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +117,8 @@ def see_silhouettes(
         facts = np.stack([_see_masks(capture, c, numbers, silhouettes) for c in range(len(frames))])
         telling = Telling(seeing.by, masks=facts.swapaxes(0, 1))
         shown = tuple(each[0] for each in frames)
-        return Compared(silhouettes, telling, (1.0,) * len(frames), shown)
+        filled = _fill_holes(capture, silhouettes)
+        return Compared(silhouettes, telling, (1.0,) * len(frames), shown, filled)
     backgrounds = seeing.backgrounds
     stale = np.zeros_like(silhouettes)
     gains = []
@@ -124,7 +134,13 @@ def see_silhouettes(
         keys=[each.key for each in backgrounds],
     )  # fmt: skip
     behind = tuple(each.color.round().astype(np.uint8) for each in backgrounds)
-    return Compared(silhouettes, telling, tuple(gains), behind)
+    return Compared(silhouettes, telling, tuple(gains), behind, _fill_holes(capture, silhouettes))
+
+
+def _fill_holes(capture: Capture, silhouettes: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Fill holes as `extract_block` does; return (time, camera) how many pixels."""
+    projection, grid = projection_of(capture.cameras), grid_of(capture)
+    return np.array([fill_holes(frame, projection, grid) for frame in silhouettes])
 
 
 def _see_masks(
@@ -143,8 +159,8 @@ def _see_masks(
 
 def read_silhouettes(
     opened: Archive, source: Capture, blocks: Sequence[Block], by: By, step: int
-) -> tuple[NDArray[np.bool_], Telling, Touches]:
-    """Return the silhouettes that are compared, what told them, and where all are touched.
+) -> tuple[NDArray[np.bool_], Telling, Touches, NDArray[np.int64]]:
+    """Return the silhouettes that are compared, what told them, where all are touched, and holes.
 
     Parameters
     ----------
@@ -164,6 +180,9 @@ def read_silhouettes(
         In the frames of the silhouettes.
     touches
         Of each `step`-th frame of the take.
+    holes : (2, camera) int
+        How many pixels of the take's silhouettes were holes that were filled, and how many they
+        have.
     """
     compared = np.array(compared_frames(source.frames))
     projection = projection_of(source.cameras)
@@ -171,10 +190,14 @@ def read_silhouettes(
     parts: dict[str, list[NDArray]] = {"silhouette": [], "stale": [], "masks": []}
     sure: list[float] = []
     touches: list[Touches] = []
+    holes = np.zeros((2, len(source.cameras)), np.int64)
     for block in blocks:
         inside = compared[(compared >= block.start) & (compared < block.end)] - block.start
-        held = read_block(opened.place, block, [*parts, "sure"] if len(inside) else ["silhouette"])
+        wanted = [*parts, "sure"] if len(inside) else ["silhouette"]
+        held = read_block(opened.place, block, [*wanted, "filled"])
         bits = held["silhouette"]
+        holes[0] += held["filled"].sum(axis=0)
+        holes[1] += np.bitwise_count(bits).sum(axis=(0, 2, 3), dtype=np.int64)
         touches.append(touches_of(bits[-block.start % step :: step], projection))
         if len(inside):
             sure = held["sure"].tolist()
@@ -189,4 +212,4 @@ def read_silhouettes(
         telling = Telling(by, masks=np.concatenate(parts["masks"]))
     else:
         telling = Telling(by, stale=stale, sure=sure)
-    return silhouettes, telling, join_touches(touches)
+    return silhouettes, telling, join_touches(touches), holes

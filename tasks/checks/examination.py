@@ -17,7 +17,7 @@ from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
 from tasks.checks.compared import Compared, prepare_seeing, see_silhouettes
 from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
-from tasks.checks.telling import all_faults, judge_telling
+from tasks.checks.telling import all_faults, filled_notes, judge_telling
 from tasks.checks.watching import watch_films
 from tasks.engine.progress import within
 from tasks.reconstruction.silhouettes import SilhouetteSettings
@@ -164,6 +164,7 @@ def examine_capture(
         seen.silhouettes, projection, grid_of(capture), names, settings, seeing.by
     )
     notes = (*notes, *known, *found.notes, *_gain_notes(names, seen.gains))
+    notes = (*notes, *filled_notes(seen.filled, seen.silhouettes.sum(axis=(2, 3)), names))
     found = replace(found, faults=all_faults(seen.telling, wrong, found.faults))
     pictures, unwritten = (), ""
     try:

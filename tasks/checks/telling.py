@@ -39,6 +39,11 @@ stage it is 0.000 in nine rendered captures and 0.015 in a real one. With the pe
 picture it is 0.07 to 0.14 in a rendered one, where he passes before himself, 0.30 to 0.36 in the
 real one, and in the worst camera 0.05 to 0.2 of one who sways in his place."""
 
+_FILLED = 0.003
+"""From which share of a camera's silhouettes on holes that were filled are told [share]. It is a
+tenth of a print on a chest; some gaps between limbs and cloth that the other cameras do not see are
+less."""
+
 _DO = {
     "background": "film the empty stage again, or write background = \"film\" under [silhouettes] "
     "of digitize.toml",
@@ -106,6 +111,31 @@ def judge_telling(
         f"camera {listed(ghosts)}: {share.max():.0%} of the silhouettes' outline stays at one "
         f"place, where the background has an edge and the film has none; {_DO[telling.by]}"
     ], notes
+
+
+def filled_notes(
+    filled: NDArray[np.integer], pixels: NDArray[np.integer], names: Sequence[str]
+) -> list[str]:
+    """Say in which cameras' silhouettes holes were filled that the others contradict.
+
+    Parameters
+    ----------
+    filled, pixels : (time, camera) int
+        How many pixels of each silhouette were such holes, and how many it has.
+    names
+        What the cameras are called.
+    """
+    share = filled.sum(axis=0) / np.maximum(pixels.sum(axis=0), 1)
+    told = [
+        f"{name!r} ({each:.1%})" for name, each in zip(names, share, strict=True) if each >= _FILLED
+    ]
+    if not told:
+        return []
+    return [
+        "Holes in silhouettes behind which the other cameras see a body were filled (share of the "
+        f"silhouette): camera {', '.join(told)}. Something of the performer's has the color of the "
+        "stage."
+    ]
 
 
 def all_faults(telling: Telling, wrong: Sequence[str], found: Sequence[str]) -> tuple[str, ...]:

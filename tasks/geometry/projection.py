@@ -156,7 +156,7 @@ def project_points(
     """
     pixel = np.empty((projection.cameras, len(points), 2))
     depth = np.empty((projection.cameras, len(points)))
-    _project(np.ascontiguousarray(points, np.float64), _lens(projection), pixel, depth)
+    _project(np.ascontiguousarray(points, np.float64), lens_of(projection), pixel, depth)
     return pixel, depth
 
 
@@ -167,12 +167,12 @@ def nearest_pixels(points: NDArray[np.float64], projection: Projection) -> NDArr
     """
     pixel = np.empty((projection.cameras, len(points), 2), np.int32)
     axes = np.ascontiguousarray(points.T, np.float64)
-    _find_pixels(axes, _lens(projection), pixel)
+    _find_pixels(axes, lens_of(projection), pixel)
     return pixel
 
 
-def _lens(projection: Projection) -> tuple[NDArray[Any], ...]:
-    """Return the cameras as the kernels take them."""
+def lens_of(projection: Projection) -> tuple[NDArray[Any], ...]:
+    """Return the cameras as kernels take them: poses, intrinsics, lenses, radii and image sizes."""
     return (
         projection.camera_from_world,
         projection.intrinsics,

@@ -206,7 +206,7 @@ def decode_runs(runs: VoxelRuns, frame: int) -> NDArray[np.bool_]:
         If there is no such frame.
     """
     occupied = np.zeros(math.prod(runs.shape), np.bool_)
-    occupied[_numbers(take_frame(runs, frame))] = True
+    occupied[voxel_numbers(take_frame(runs, frame))] = True
     return occupied.reshape(runs.shape)
 
 
@@ -313,7 +313,7 @@ def find_surface(
     return is_surface, index[:found].copy()
 
 
-def _numbers(runs: VoxelRuns) -> NDArray[np.int64]:
+def voxel_numbers(runs: VoxelRuns) -> NDArray[np.int64]:
     """Return the number of each voxel of all runs, in order."""
     length = runs.length.astype(np.int64)
     before = np.cumsum(length) - length

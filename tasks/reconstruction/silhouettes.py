@@ -44,6 +44,7 @@ from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.colorless import expect_performer, has_no_color
 from tasks.reconstruction.regions.components import clean_region
 from tasks.reconstruction.regions.differences import Held, differ_in_chroma, differ_in_color
+from tasks.reconstruction.regions.holes import fill_holes
 from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
@@ -328,7 +329,8 @@ def extract_block(
         packed along the columns; beside an image smaller than the others it is False. `color` is
         (pixel, 3) uint8, RGB, of the silhouettes' pixels in their order: what coloring needs of
         the films, so that they are decoded once. `stale` (time, camera, row, column / 8) has, of
-        the `compared_frames` among these, the outlines that are of the background alone. `sure`
+        the `compared_frames` among these, the outlines that are of the background alone. `filled`
+        (time, camera) is how many pixels of each silhouette were a hole (`regions.holes`). `sure`
         (camera,) is the share of each picture in which a background is no guess.
 
     Raises
@@ -346,42 +348,51 @@ def extract_block(
     compared = [n for n in compared_frames(source.frames) if start <= n < end]
     stale = np.zeros((len(compared), *packed.shape[1:]), np.uint8)
     facts = np.zeros((len(compared), len(source.cameras), MASK_FACTS))
+    filled = np.zeros((end - start, len(source.cameras)), np.int64)
+    projection, grid = projection_of(source.cameras), grid_of(source)
     color: list[NDArray[np.uint8]] = []
     for first, films, masks in read_films_and_masks(source, start, end):
         ends = [(n - start) / (end - start) for n in (first, first + len(films[0]))]
         middle = sum(ends) / 2.0 if any(twice) else ends[0]
         with within(ends[0], middle):
             expected = expected_of_all(films, backgrounds, source, settings)
+        found = np.zeros((len(films[0]), len(films), rows, columns), np.bool_)
 
         def extract(
             camera: int, first: int = first, films: Any = films, masks: Any = masks,
-            expected: Any = expected,
-        ) -> Any:  # fmt: skip
+            expected: Any = expected, found: Any = found,
+        ) -> None:  # fmt: skip
             film = films[camera]
             here = [(n, m - first) for n, m in enumerate(compared) if 0 <= m - first < len(film)]
+            own = found[:, camera, : film.shape[1], : film.shape[2]]
             if masks:
-                found = silhouettes_of(masks[camera])
+                own[:] = silhouettes_of(masks[camera])
                 for n, frame in here:
                     facts[n, camera] = mask_facts(masks[camera][frame])
-                for each, mask, silhouette in zip(film, masks[camera], found, strict=True):
+                for each, mask, silhouette in zip(film, masks[camera], own, strict=True):
                     color_rim(each, mask, silhouette)
             else:
-                found = extract_silhouettes(film, backgrounds[camera], settings, expected[camera])
+                own[:] = extract_silhouettes(film, backgrounds[camera], settings, expected[camera])
                 for n, frame in here:
-                    seen = found[frame], film[frame], backgrounds[camera].color
+                    seen = own[frame], film[frame], backgrounds[camera].color
                     _put(stale[n, camera], np.packbits(stale_outline(*seen), axis=-1))
-            bits = np.packbits(found, axis=-1)
-            _put(packed[first - start : first - start + len(bits), camera], bits)
-            return [take_pixels(each, frame) for each, frame in zip(bits, film, strict=True)]
+
+        def finish(frame: int, first: int = first, films: Any = films, found: Any = found) -> Any:
+            filled[first - start + frame] = fill_holes(found[frame], projection, grid)
+            bits = packed[first - start + frame]
+            bits[:] = np.packbits(found[frame], axis=-1)
+            return [take_pixels(each, film[frame]) for each, film in zip(bits, films, strict=True)]
 
         with within(middle, ends[1]):
-            of_cameras = side_by_side(extract, range(len(films)))
-        color += [part for frame in zip(*of_cameras, strict=True) for part in frame]
+            side_by_side(extract, range(len(films)))
+            for of_cameras in side_by_side(finish, range(len(films[0]))):
+                color += of_cameras
     arrays = {
         "silhouette": packed,
         "color": np.concatenate(color),
         "stale": stale,
         "masks": facts,
+        "filled": filled,
         "sure": np.array([background.sure for background in backgrounds]),
     }
     return write_block(open_archive(archive).place, into, (start, end), arrays, begun)

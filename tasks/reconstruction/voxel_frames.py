@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from storage.blocks import Block, read_block
 from storage.places import Place
-from tasks.geometry.voxels import VoxelGrid, VoxelRuns, count_voxels, take_frame, voxel_index
+from tasks.geometry.left_out import leave_out
+from tasks.geometry.voxels import (
+    VoxelGrid,
+    VoxelRuns,
+    count_voxels,
+    decode_runs,
+    take_frame,
+    voxel_index,
+    voxel_numbers,
+)
 
 _MOST_HELD = 2
 """How many blocks are held [blocks]. Neighbors in time may be of two."""
@@ -32,10 +41,12 @@ class VoxelFrames:
         grid: VoxelGrid,
         hulls: Sequence[Block],
         colors: Sequence[Block] = (),
+        still: Block | None = None,
     ) -> None:
         """Open what `carve_block` and `color_block` wrote, in the order of the frames.
 
-        Without `colors` the frames have no `surface`.
+        Without `colors` the frames have no `surface`. With `still`, which `find_still_take` wrote,
+        they are without its voxels.
         """
         self.grid = grid
         self.start, self.end = hulls[0].start, hulls[-1].end
@@ -45,6 +56,13 @@ class VoxelFrames:
         self._held_hulls: dict[int, VoxelRuns] = {}  # the one asked for last is the last
         self._held_colors: dict[int, dict[str, NDArray]] = {}
         self._lock = threading.Lock()
+        things = read_block(place, still) if still else {}
+        self._left_out: NDArray[np.bool_] | None = None
+        if len(things.get("start", ())):
+            one = VoxelRuns(
+                things["start"], things["length"], np.array([0, len(things["start"])]), grid.shape
+            )
+            self._left_out = decode_runs(one, 0).ravel()
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -81,11 +99,15 @@ class VoxelFrames:
 
     def _find(self, frame: int) -> tuple[int, VoxelRuns, int]:
         """Return the number of the block of a frame, its hulls, and the frame's place in it."""
-        if not self.start <= frame < self.end:
-            raise IndexError(f"frame {frame} is not one of {self.start} to {self.end - 1}")
-        number = int(np.searchsorted(self._ends, frame, side="right"))
+        number = self._number(frame)
         runs = self._hold(self._held_hulls, number, lambda: self._read_hulls(number))
         return number, runs, frame - self._hulls[number].start
+
+    def _number(self, frame: int) -> int:
+        """Return the number of the block of a frame."""
+        if not self.start <= frame < self.end:
+            raise IndexError(f"frame {frame} is not one of {self.start} to {self.end - 1}")
+        return int(np.searchsorted(self._ends, frame, side="right"))
 
     def _hold(self, held: dict[int, _Held], number: int, read: Callable[[], _Held]) -> _Held:
         """Return what is held of a block, or else read it."""
@@ -96,12 +118,42 @@ class VoxelFrames:
             held[number] = block = read() if block is None else block
         return block
 
+    def kept(self, frame: int) -> NDArray[np.bool_] | None:
+        """Return (voxel,) which of all voxels of a frame are here; None where all are."""
+        if self._left_out is None:
+            return None
+        number = self._number(frame)
+        whole = take_frame(self._read_whole(number), frame - self._hulls[number].start)
+        return ~self._left_out[voxel_numbers(whole)]
+
     def _read_hulls(self, number: int) -> VoxelRuns:
+        whole = self._read_whole(number)
+        if self._left_out is None:
+            return whole
+        return leave_out(whole, self._left_out)
+
+    def _read_whole(self, number: int) -> VoxelRuns:
         return VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
 
     def _read_colors(self, number: int, runs: VoxelRuns) -> dict[str, NDArray]:
         colors = read_block(self._place, self._colors[number])
+        if self._left_out is not None:
+            colors = self._without(colors, self._read_whole(number))
         return {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}
+
+    def _without(self, colors: dict[str, NDArray], whole: VoxelRuns) -> dict[str, NDArray]:
+        """Return the colors of a block without those of the voxels that are left out."""
+        assert self._left_out is not None
+        kept = ~self._left_out[voxel_numbers(whole)]
+        is_surface, offset = colors["is_surface"], colors["offset"]
+        own = kept[is_surface]
+        before = np.concatenate([[0], np.cumsum(own)])
+        return {
+            "is_surface": is_surface[kept],
+            "color": colors["color"][own],
+            "camera": colors["camera"][own],
+            "offset": before[offset],
+        }
 
 
 class HullFrames(Sequence[VoxelRuns]):

@@ -8,7 +8,7 @@ for the images as filmed: a pixel belongs to the performer when its center does.
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -226,6 +226,7 @@ def film_capture(
     settings: FilmSettings = FilmSettings(),
     metadata: Mapping[str, str] | None = None,
     seed: int = 0,
+    dress: Callable[[BodySurface], BodySurface] | None = None,
 ) -> CaptureTruth:
     """Write a capture folder of a generated performer, and its truth beside it.
 
@@ -249,6 +250,9 @@ def film_capture(
         The table `take` of `capture.toml`.
     seed : int
         Of noise, flicker and textures; the same seed gives the same images.
+    dress : function, optional
+        Returns the surface that is filmed, given the performer's: with things that are held or
+        stand about (their vertices are cloth), or in other colors.
 
     Returns
     -------
@@ -266,6 +270,7 @@ def film_capture(
     _check(position, rate_hz, settings)
     joints = dict(zip(JOINTS, np.moveaxis(position, 1, 0), strict=True))
     surface = pose_surface(joints, clothes=settings.clothes)
+    surface = dress(surface) if dress else surface
     lowest, highest = _bounds(surface)
     if cameras is None:
         cameras = generate_cameras(center_m=(lowest + highest) / 2.0, seed=seed)

@@ -49,6 +49,10 @@ _DOUBTS = {
     "doubtful": "The pose is doubtful in {}.",
 }
 
+_TOLD = 0.005
+"""From which share of the voxels on it is told that they belong to no segment [share]. Less are
+specks; the least of things, a sword, is 0.01. Chosen, not measured."""
+
 _POSE = ("position", "rotation", "quality", "doubt", "doubtful")
 """What the group `pose` takes from the fit as it is; the method `paper` tells no doubt."""
 
@@ -230,7 +234,9 @@ def _write_body(
         for stage in ("initial_model", "pose_fitting", "joint_tracks")
     )
     start, fit = read_block(place, initial), read_block(place, fitted)
-    frames = VoxelFrames(place, grid_of(source), [each.block for each in blocks["carving"]])
+    still = [each.block for each in blocks.get("still_things", ())]
+    hulls = [each.block for each in blocks["carving"]]
+    frames = VoxelFrames(place, grid_of(source), hulls, still=still[0] if still else None)
     center = voxel_centers(frames.grid, frames.index(initial.start))
     shape = measure_body(center, start["label"], fit["initial_joint"]).shape
     write_body(
@@ -310,12 +316,34 @@ def _pose_notes(place: Place, blocks: Blocks) -> list[str]:
         f"The body was {'guessed' if guessed else 'measured'} in frame {initial.block.start}, "
         f"with a confidence of {confidence:.2f}.",
         *initial.notes,
+        *(note for each in blocks.get("still_things", ()) for note in each.notes),
+        *_label_notes(place, blocks["final_labeling"]),
     ]
     for name, said in _DOUBTS.items():
         frames = np.flatnonzero(fit.get(name, ()))  # `paper` has fewer reasons
         if len(frames):
             notes.append(said.format(f"{len(frames)} frames ({_ranges(frames)})"))
     return notes
+
+
+def _label_notes(place: Place, labels: Sequence[Written]) -> list[str]:
+    """Say how much of a take belongs to no segment, where it is much."""
+    voxels, none = [], []
+    for part in labels:
+        read = read_block(place, part.block)
+        voxels.append(np.diff(read["offset"]))
+        before = np.concatenate([[0], np.cumsum(read["label"] == 0)])
+        none.append(np.diff(before[read["offset"]]))
+    of, own = np.concatenate(voxels), np.concatenate(none)
+    share = own.sum() / max(int(of.sum()), 1)
+    if share < _TOLD:
+        return []
+    frames = np.flatnonzero(own > _TOLD * of)
+    return [
+        f"{share:.1%} of the voxels belong to no segment (label 0), in {len(frames)} frames "
+        f"({_ranges(frames)}): what stands beside the performer, is held in a hand, or is far from "
+        "the body."
+    ]
 
 
 def _provenances(

@@ -130,6 +130,36 @@ def nearest_bones(
     return nearest
 
 
+def own_distance(
+    lines: VoxelLines,
+    voxel: NDArray[np.integer],
+    fields: BoneFields,
+    turn: NDArray[np.floating],
+    shift: NDArray[np.floating],
+    bone: int,
+) -> NDArray[np.float64]:
+    """Return (chosen,) how far some voxels of a frame are from the voxels of one bone, in voxels.
+
+    Parameters
+    ----------
+    lines, fields, turn, shift
+        As for `nearest_bones`.
+    voxel : (chosen,) int
+        The places of the voxels in the list.
+    bone
+        Which bone. None is farther than `fields.most`.
+    """
+    line = np.searchsorted(lines.table[:, FIRST], voxel, side="right") - 1
+    index = lines.table[line][:, [X, Y, Z]].astype(np.int64)
+    index[:, 2] += voxel - lines.table[line, FIRST]
+    at = index @ np.asarray(turn[bone], np.float64).T + shift[bone] - fields.begin[bone] + 0.5
+    sides = fields.sides[bone]
+    cell = np.clip(np.floor(at).astype(np.int64), 0, sides - 1)
+    begin = int(fields.sides[:bone].prod(axis=1).sum())
+    number = (cell[:, 0] * sides[1] + cell[:, 1]) * sides[2] + cell[:, 2]
+    return fields.distance[begin + number].astype(np.float64) * (fields.most / _FULL)
+
+
 def carry_back(
     joint: NDArray[np.floating],
     rotation: NDArray[np.floating],

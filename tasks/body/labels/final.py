@@ -24,6 +24,7 @@ from tasks.body.anatomy.nearest_bones import bones_of_voxels, is_limb
 from tasks.body.anatomy.proportions import body_size, complete_joints
 from tasks.body.labels.fields import BoneFields, make_fields, nearest_bones
 from tasks.body.labels.regions import clean_labels
+from tasks.body.labels.things import find_things
 from tasks.engine.kernels import njit
 from tasks.geometry.voxel_lines import VoxelLines
 
@@ -163,8 +164,11 @@ def label_carried(
     fields: BoneFields,
     turn: NDArray[np.floating],
     shift: NDArray[np.floating],
+    stays: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
     """Return the final labels of a frame from the initial body's, each one connected region.
+
+    What belongs to no segment has none (`things`).
 
     Parameters
     ----------
@@ -174,13 +178,18 @@ def label_carried(
         As `make_body_fields` gives them.
     turn, shift : (bone, 3, 3) and (bone, 3) float
         What takes this frame's voxels back to the initial frame, as `carry_back` gives it.
+    stays : (voxel,) bool, optional
+        As for `things.find_things`.
 
     Returns
     -------
     (voxel,) uint8
-        Segment plus one; all 0 where no voxel is near the body.
+        Segment plus one, 0 for none; all 0 where no voxel is near the body.
     """
-    return clean_labels(nearest_bones(lines, fields, turn, shift, value=_LABEL), lines)
+    bone = nearest_bones(lines, fields, turn, shift)
+    label = clean_labels(_LABEL[bone], lines)
+    label[find_things(lines, bone, fields, turn, shift, stays)] = 0
+    return label
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -61,6 +61,44 @@ def clean_labels(label: NDArray[np.integer], lines: VoxelLines) -> NDArray[np.ui
     return clean
 
 
+def find_regions_of(
+    label: NDArray[np.uint8], lines: VoxelLines
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray]:
+    """Return the connected regions of labels, as the kernels of this module know them.
+
+    Parameters
+    ----------
+    label : (voxel,) uint8
+        0 is in no region.
+    lines
+        The voxels, at least one.
+
+    Returns
+    -------
+    stretch : (stretch, 6) int32
+        x, y, z where each stretch of one label begins, the z after its last voxel, its label, and
+        the place of its first voxel in the list.
+    column : (column + 1,) int32
+        The first stretch of each column, and their number.
+    beside : (column, 4) int32
+        The columns around each, -1 where there is none.
+    region : (stretch,) int32
+        -1 without a label.
+    size : (region,) int64
+        Voxels.
+    """
+    return _find_regions_of(label, lines.table)
+
+
+@njit(cache=True, nogil=True)
+def _find_regions_of(label: Any, lines: Any) -> Any:
+    """Return stretches, columns, columns around, regions and their sizes."""
+    stretch = _find_stretches(label, lines)
+    column, beside = _find_columns(stretch)
+    region, size = _find_regions(stretch, column, beside)
+    return stretch, column, beside, region, size
+
+
 @njit(cache=True, nogil=True)
 def _clean(label: Any, lines: Any) -> Any:
     """Keep each label's largest region, let it grow; return how many voxels it does not reach."""

@@ -7,7 +7,14 @@ import pytest
 
 from tasks.capture.backgrounds import smooth
 from tasks.checks.bodies import judge_bodies
-from tasks.checks.telling import Telling, all_faults, judge_telling, stale_shares, told_by
+from tasks.checks.telling import (
+    Telling,
+    all_faults,
+    filled_notes,
+    judge_telling,
+    stale_shares,
+    told_by,
+)
 from tasks.reconstruction.regions.masks import color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.stale_outlines import outline_of, stale_outline
 
@@ -181,6 +188,20 @@ def test_a_performer_with_a_chair_or_seldom_somebody_else_is_one():
         assert judge_bodies(hulls, 0.04, "mask") == ([], [])
 
 
+@pytest.mark.parametrize("by", ["background", "mask"])
+def test_what_stands_still_beside_one_who_walks_is_noted_and_is_no_second_body(by):
+    chair = body_at(-1.2, size=(0.48, 0.92, 0.48))
+    walking = [np.concatenate([body_at(0.2 * t), chair]) for t in range(8)]
+    faults, [note] = judge_bodies(walking, 0.04, by)
+    assert faults == []
+    assert note.startswith(
+        "Something that is not the performer stands still at x = -0.98, z = 0.22"
+    )
+    standing = [np.concatenate([body_at(0.0), chair])] * 8
+    faults, notes = judge_bodies(standing, 0.04, by)
+    assert "wo bodies are seen in 8 of 8 frames" in "".join([*faults, *notes])
+
+
 @pytest.mark.parametrize("by", ["background", "film", "key", "mask"])
 def test_what_is_too_small_for_a_body_is_a_fault(by):
     scraps = [body_at(0.0, size=(0.1, 0.3, 0.1)), np.zeros((0, 3)), body_at(0.0, size=(0.12,) * 3)]
@@ -188,3 +209,13 @@ def test_what_is_too_small_for_a_body_is_a_fault(by):
     assert notes == []
     assert faults[0].startswith("what the silhouettes carve is ")
     assert "liters in the median of the frames, and no body is below 6" in faults[0]
+
+
+def test_holes_that_were_filled_are_told_with_their_share_by_camera():
+    pixels = np.full((4, 3), 5000)
+    filled = np.array([[0, 0, 0], [0, 400, 8], [0, 200, 8], [0, 0, 8]])
+    [note] = filled_notes(filled, pixels, ["left", "front", "right"])
+    assert "other cameras see a body were filled" in note
+    assert "camera 'front' (3.0%)." in note
+    assert filled_notes(0 * filled, pixels, ["left", "front", "right"]) == []
+    assert filled_notes(0 * filled, 0 * pixels, ["left", "front", "right"]) == []

@@ -80,6 +80,31 @@ def test_every_frame_is_found_in_its_block_in_whatever_order(frames, occupied, o
         np.testing.assert_array_equal(hull.start, take_frame(both, frame).start)
 
 
+@pytest.mark.parametrize("order", [range(8), (7, 0, 5, 3, 4, 2, 6, 1)], ids=["forward", "mixed"])
+def test_what_stands_still_is_left_out_of_every_frame(frames, occupied, order):
+    things = np.random.default_rng(2).random(GRID.shape) < 0.3
+    runs, place = encode_runs(things[None]), frames._place
+    arrays = {"start": runs.start, "length": runs.length}
+    still = write_block(place, "work/still", (0, 8), arrays, time.monotonic()).block
+    without = VoxelFrames(place, GRID, frames._hulls, frames._colors, still)
+    for frame in order:
+        kept = ~things[occupied[frame]]
+        np.testing.assert_array_equal(without.kept(frame), kept)
+        index = np.argwhere(occupied[frame] & ~things)
+        np.testing.assert_array_equal(without.index(frame), index)
+        alone = encode_runs(occupied[frame : frame + 1] & ~things)
+        np.testing.assert_array_equal(without.hull(frame).start, alone.start)
+        np.testing.assert_array_equal(without.hull(frame).length, alone.length)
+        is_surface, color, camera = without.surface(frame)
+        whole = surface_voxels(encode_runs(occupied[frame : frame + 1]), 0)
+        np.testing.assert_array_equal(is_surface, whole[kept])
+        np.testing.assert_array_equal(color, index[is_surface])
+        np.testing.assert_array_equal(camera, index[is_surface].sum(axis=1))
+    assert frames.kept(3) is None
+    with pytest.raises(IndexError, match="frame 8 is not one of 0 to 7"):
+        without.kept(8)
+
+
 @pytest.mark.parametrize("frame", [-1, 8])
 def test_a_frame_that_is_not_there_is_refused(frames, frame):
     with pytest.raises(IndexError, match=f"frame {frame} is not one of 0 to 7"):

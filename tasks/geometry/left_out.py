@@ -1,0 +1,35 @@
+"""Hulls without some voxels of their grid."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.voxels import VoxelRuns, join_runs, take_frame, voxel_numbers
+
+
+def leave_out(runs: VoxelRuns, left_out: NDArray[np.bool_]) -> VoxelRuns:
+    """Return the runs of frames without some voxels of the grid.
+
+    Parameters
+    ----------
+    runs
+        Any frames.
+    left_out : (voxel of the grid,) bool
+        In the order of their numbers.
+    """
+    parts = []
+    for frame in range(runs.frames):
+        number = voxel_numbers(take_frame(runs, frame))
+        number = number[~left_out[number]]
+        begins = np.ones(len(number), np.bool_)
+        begins[1:] = (np.diff(number) != 1) | (number[1:] % runs.shape[2] == 0)
+        start = np.flatnonzero(begins)
+        length = np.diff(np.append(start, len(number)))
+        parts.append(
+            VoxelRuns(
+                number[start].astype(np.uint32),
+                length.astype(np.uint16),
+                np.array([0, len(start)]),
+                runs.shape,
+            )
+        )
+    return join_runs(parts)

@@ -1,0 +1,171 @@
+"""Stage: find what stands still beside the performer: a chair, a stand, a lamp.
+
+What was brought in with the performer is in no background, and its voxels are in every hull. It is
+told by two signs together: it keeps its place all through the take, and in some frames it is a
+piece apart from what moves most, which is the performer. So the core of a performer who stays in
+place is none, for it is one with what moves. The stages after coloring leave these voxels out; in
+the archive they belong to no segment.
+"""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import cc3d
+import numpy as np
+from numpy.typing import NDArray
+
+from storage import open_archive
+from storage.blocks import Block, Written, write_block
+from storage.formats.capture.capture import capture_of
+from tasks.capture.films import frames_all_over, grid_of
+from tasks.geometry.voxels import (
+    VoxelGrid,
+    VoxelRuns,
+    encode_runs,
+    voxel_centers,
+    voxel_index,
+    voxel_numbers,
+)
+from tasks.reconstruction.voxel_frames import VoxelFrames
+
+_LOOKED_AT = 48
+"""How many frames all over a take are looked at, at most [frames]. Chosen, not measured."""
+
+_CELL_M = 0.03
+"""Edge of the cells by which pieces are told apart [m]. What is nearer than that is one."""
+
+_STAYS = 0.9
+"""In how many frames a voxel is occupied that stays [share]. Silhouettes flicker."""
+
+_STILL = 0.7
+"""How much of the take the voxels of a thing are occupied, in the mean [share]. Its surface
+flickers, and where the performer hides it from a camera it is larger; a dancer has .2."""
+
+_APART = 0.1
+"""In how many of the frames a thing is apart from the performer, at least [share]."""
+
+_LEAST_APART = 3
+"""In how many frames at least [frames]."""
+
+_OF_PIECE = 0.3
+"""In how many of the frames in which a thing is apart a voxel is of it [share]."""
+
+_LEAST_M3 = 0.0005
+"""How large a thing is at least [m³]. Half a liter; what is smaller takes nothing from a limb."""
+
+_PERFORMER_M3 = 0.006
+"""How large a piece is at least that may be the performer [m³]. As for `doctor`."""
+
+
+def find_still_things(hulls: Sequence[VoxelRuns], grid: VoxelGrid) -> VoxelRuns:
+    """Return the voxels of what stands still beside a performer, as runs of one frame.
+
+    Parameters
+    ----------
+    hulls
+        Of some frames all over a take, a single frame each.
+    grid
+        Their grid.
+    """
+    size = int(np.prod(grid.shape))
+    nothing = encode_runs(np.zeros((1, *grid.shape), np.bool_))
+    numbers = [voxel_numbers(hull) for hull in hulls]
+    if sum(len(own) > 0 for own in numbers) < _LEAST_APART:
+        return nothing
+    count = np.zeros(size, np.uint16)
+    for own in numbers:
+        count[own] += 1
+    if (count >= _STAYS * len(hulls)).sum() * grid.voxel_m**3 < _LEAST_M3:
+        return nothing
+    votes = np.zeros(size, np.uint16)
+    for hull, own in zip(hulls, numbers, strict=True):
+        if len(own):
+            is_still = _in_still_pieces(hull, count[own] / len(hulls), grid)
+            votes[own[is_still]] += 1
+    return encode_runs(_extent(votes.reshape(grid.shape), len(hulls), grid)[None])
+
+
+def _in_still_pieces(
+    hull: VoxelRuns, stays: NDArray[np.float64], grid: VoxelGrid
+) -> NDArray[np.bool_]:
+    """Return which voxels of a frame are of still pieces, beside the one that moves most.
+
+    `stays` is (voxel,) the share of frames in which each voxel is occupied.
+    """
+    index = voxel_index(hull, 0)
+    cell = index // max(1, round(_CELL_M / grid.voxel_m))
+    cell -= cell.min(axis=0)
+    crop = np.zeros(cell.max(axis=0) + 1, np.uint8)
+    crop[tuple(cell.T)] = 1
+    piece = np.asarray(cc3d.connected_components(crop, connectivity=26))[tuple(cell.T)]
+    size = np.bincount(piece)
+    stay = np.bincount(piece, weights=stays) / np.maximum(size, 1)
+    large = size * grid.voxel_m**3
+    may_be = np.flatnonzero(large >= _PERFORMER_M3)
+    if not len(may_be):
+        return np.zeros(len(index), np.bool_)
+    still = (stay > _STILL) & (large >= _LEAST_M3 / 2)
+    still[min(may_be, key=lambda number: (stay[number], -size[number]))] = False
+    return still[piece]
+
+
+def _extent(votes: NDArray[np.uint16], frames: int, grid: VoxelGrid) -> NDArray[np.bool_]:
+    """Return (x, y, z) the voxels of things, by how often each was of a still piece."""
+    least = max(_LEAST_APART, _APART * frames)
+    seen: NDArray[Any] = np.asarray(
+        cc3d.connected_components((votes >= least).astype(np.uint8), connectivity=26)
+    )
+    found = np.zeros(votes.shape, np.bool_)
+    for number in range(1, int(seen.max()) + 1):
+        own = seen == number
+        own &= votes >= _OF_PIECE * votes[own].max()
+        if own.sum() * grid.voxel_m**3 >= _LEAST_M3:
+            found |= own
+    return found
+
+
+def describe_still_things(things: VoxelRuns, grid: VoxelGrid) -> tuple[str, ...]:
+    """Return a sentence on what stands still beside the performer; none where nothing does."""
+    if not len(things.start):
+        return ()
+    point = voxel_centers(grid, voxel_index(things, 0))
+    low, high = point.min(axis=0), point.max(axis=0)
+    middle = (low + high) / 2
+    return (
+        f"Something that is not the performer stands still at x = {middle[0]:.2f}, z = "
+        f"{middle[2]:.2f} m, up to {high[1]:.2f} m high ({1e3 * len(point) * grid.voxel_m**3:.0f} "
+        "liters): it is left out of the pose, and its voxels belong to no segment.",
+    )
+
+
+def find_still_take(
+    archive: str, capture: str, digest: str, hulls: Sequence[Block], into: str
+) -> Written:
+    """Write the voxels of what stands still beside the performer of a take as a block.
+
+    Parameters
+    ----------
+    archive, capture, digest, into
+        As for `carve_block`.
+    hulls
+        What `carve_block` wrote, in the order of the frames.
+
+    Returns
+    -------
+    Written
+        The arrays are `start` and `length` of runs of voxels, in the order of one frame.
+    """
+    begun = time.monotonic()
+    place = open_archive(archive).place
+    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls)
+    some = frames_all_over(len(frames), _LOOKED_AT)
+    things = find_still_things([frames.hull(frame) for frame in some], frames.grid)
+    return write_block(
+        place,
+        into,
+        (0, len(frames)),
+        {"start": things.start, "length": things.length},
+        begun,
+        notes=describe_still_things(things, frames.grid),
+    )

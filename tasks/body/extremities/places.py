@@ -121,7 +121,7 @@ class ExtremitySettings:
     """How near the face a lump may well be the face itself [statures]. Half a head's depth; at
     twice that it surely is not."""
 
-    side: NotNegative = 0.2
+    side: NotNegative = 0.07
     """Cost of a frame (at 30 Hz) in which a hand is as far on the other side as hands typically are
     on their own [nats]. Taken alone, it would be 2: but what a frame says of sides, the next
     repeats. Of nine takes one exchanged the hands for good with 0.07, none from 0.14 to 0.4."""

@@ -41,12 +41,10 @@ rendered captures."""
 _TELLS = 0.01
 """By what that tells 1 nat more [mean logarithm]. A third of it; chosen, not measured."""
 
-_MOST_TOLD = 4.0
-"""What it tells at most [nats]. Frames of a stretch err together; chosen, not measured."""
-
-_ASIDE = 30.0
-"""What a second costs in which the right hand is to the left of the left one [nats a stature]. As
-where hands are looked for."""
+_ASIDE, _MOST_ASIDE = 30.0, 4.0
+"""What a second costs in which the right hand is to the left of the left one [nats a stature], and
+what a stretch costs for it at most [nats]. As where hands are looked for; who crosses the arms may
+keep them crossed."""
 
 Limbs = tuple[Limb, ...]
 
@@ -118,7 +116,7 @@ def _choose(
         crossed = _crossed(take, fits[first:last], ends[first:last])
         told = (gain - np.sign(crossed) * _CROSSED_LESS) / _TELLS
         aside = _ASIDE * crossed * (last - first) / take.rate_hz
-        cost[n, 1] = -aside - max(min(told, _MOST_TOLD), -_MOST_TOLD) if told > -np.inf else np.inf
+        cost[n, 1] = -told - np.clip(aside, -_MOST_ASIDE, _MOST_ASIDE)
     turn = tell_turns(ends / take.model.stature, stretches, take.rate_hz)
     return choose_states(cost, turn)
 

@@ -56,6 +56,18 @@ def test_sides_decide_where_motion_tells_nothing():
         assert find_exchanged(position, aside, 30.0, 0)[-1] == (sign > 0)
 
 
+def test_a_fast_foot_passes_one_that_stands():
+    """It is never one lump with it, and far from it a frame before and after."""
+    way = 2.2 * (np.arange(FRAMES) - MEET) / 30.0
+    foot = np.stack([way, np.full(FRAMES, 0.1), np.zeros(FRAMES)], axis=1)
+    stand = np.tile([0.0, 0.08, 0.08], (FRAMES, 1))
+    true = np.stack([foot, stand], axis=1)
+    assert not find_exchanged(true, NO_SIDES, 30.0, 0).any()
+    found = find_exchanged(exchanged_after(true, MEET + 1), NO_SIDES, 30.0, 0)
+    assert not found[:MEET].any()
+    assert found[MEET + 1 :].all()
+
+
 def test_one_that_is_unseen_exchanges_with_nobody():
     position = meet(passing=True, beside=0.4)
     position[MEET - 2 : MEET + 3, 0] = np.nan

@@ -6,12 +6,18 @@ BIN := .venv/bin
 
 setup: .venv/installed
 
+# uv installs some ten times as fast as pip, which does it where uv cannot be had or reaches no index;
 # nothing is compiled ahead: most of what is installed is never imported
+install = ($(BIN)/python -m pip install --quiet --disable-pip-version-check uv && \
+	$(BIN)/uv pip install --python $(BIN)/python --editable '.[$(1)]') 2>/dev/null || \
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-compile \
+		--disable-pip-version-check --editable '.[$(1)]'
+
 .venv/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "shosa needs Python 3.11 or newer; set PYTHON=/path/to/it"; exit 1; }
 	$(PYTHON) -m venv .venv
-	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --editable '.[test]'
+	$(call install,test)
 	touch $@
 
 demo: setup
@@ -27,13 +33,11 @@ lint: setup
 # conftest.py
 TWO_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# first what reaches no kernels, in which nothing is compiled; then what does, whose kernels are
-# compiled first, each once; last what needs a server; `pytest` alone takes what needs no server and a second at most
+# the kernels are compiled first, each once; `pytest` alone takes what needs no server and a second
+# at most
 test: setup
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(TWO_CORES) -q -m "not (kernels or compiled or slow or flow or s3 or long)"
 	$(BIN)/python -m tasks.engine.compiling >/dev/null
-	$(BIN)/pytest $(TWO_CORES) -q -m "(kernels or compiled or slow) and not (flow or s3 or long)"
-	$(BIN)/pytest $(TWO_CORES) -m "(flow or s3) and not long"
+	$(BIN)/pytest $(TWO_CORES) -m "not long"
 
 # what the tests reach, interpreted: measuring cannot see into compiled code, and there an index out
 # of bounds is an error
@@ -47,7 +51,7 @@ test-long: setup
 	$(BIN)/pytest $(TWO_CORES) --hypothesis-profile long -m "drawn or long"
 
 bench: setup
-	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(call install,bench)
 	$(BIN)/python -m tests.benchmarks.search
 	$(BIN)/python -m tests.benchmarks.index
 	$(BIN)/python -m tests.benchmarks.archive

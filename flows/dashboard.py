@@ -1,11 +1,6 @@
-"""What runs show on the dashboard: progress, a page a take, tables. Nothing here can harm a run.
-
-A server that went away or refuses is told of once a run, in a sentence, and is asked again a minute
-later only.
-"""
+"""What runs show on the dashboard: progress, a page a take, tables. Nothing here can harm a run."""
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -16,11 +11,10 @@ from prefect.artifacts import (
     create_table_artifact,
     update_progress_artifact,
 )
-from prefect.context import FlowRunContext
 
+from flows.artifacts import shown
 from flows.links import artifact_key, viewer_url
 from flows.progress import COMPILING, Estimate, Moment, show_watcher
-from flows.server import is_server_fault, tell_server_is_gone
 from storage.archive import Take
 from tasks.exporting.addresses import clip_address, match_address
 from tasks.exporting.day_pages import day_line, summarize_day
@@ -35,52 +29,10 @@ _EVERY_S = 3.0
 """How often the progress of a take is shown at most [s]. A call costs the server some 10 ms."""
 _LOGGED_EVERY_S = 15.0
 """How often a long stage logs how far it is [s]. Chosen: a line for each few percent of a take."""
-_SILENT_S = 60.0
-"""How long a server that failed is left alone [s]: some failures take seconds to be noticed."""
 _COUNTED_FROM = 9
 """After how many takes a time is told: they differ, and the first ones wait for the program."""
 _STATUSES = ("failed", "refused", "ingested", "unchanged")
 """What becomes of recordings, what a person has to see first."""
-
-_AWAY: dict[str, float] = {}
-"""When each run's server failed last [s, of `time.monotonic()`]."""
-_AWAY_LOCK = threading.Lock()
-_RUNS_REMEMBERED = 1000
-"""A worker process may live for months."""
-
-
-def shown(show: Callable[..., Any], **arguments: Any) -> Any:
-    """Return what a call to the server returns, or None where it fails: the run goes on.
-
-    Parameters
-    ----------
-    show
-        Of `prefect.artifacts`.
-    arguments
-        Its arguments.
-    """
-    context = FlowRunContext.get()
-    run = str(context.flow_run.id) if context and context.flow_run else ""
-    if time.monotonic() - _AWAY.get(run, -_SILENT_S) < _SILENT_S:
-        return None
-    try:
-        return show(**arguments)
-    except Exception as error:  # whatever ails the server, the work is worth more
-        with _AWAY_LOCK:
-            is_new = run not in _AWAY
-            while len(_AWAY) >= _RUNS_REMEMBERED:
-                _AWAY.pop(next(iter(_AWAY)))
-            _AWAY[run] = time.monotonic()
-        if is_server_fault(error):
-            tell_server_is_gone()
-        elif is_new:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            logger.warning(
-                "the Prefect server does not take what is to be shown on the dashboard (%s); the "
-                "run goes on without",
-                reason,
-            )
-        return None
 
 
 def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:

@@ -18,7 +18,7 @@ from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 from pydantic import BaseModel, ConfigDict, Field
 
-from flows.dashboard import shown
+from flows.artifacts import shown
 from flows.inbox import ingest_here, scan_inbox, state_of
 from flows.served import Served, read_served
 from storage import open_archive

@@ -14,7 +14,8 @@ from prefect.client.schemas.filters import (
 )
 from prefect.client.schemas.objects import StateType
 
-from flows.dashboard import show_day, shown
+from flows.artifacts import shown
+from flows.dashboard import show_day
 
 logger = logging.getLogger(__name__)
 

@@ -21,6 +21,7 @@ from numcodecs.zstd import Zstd
 from numpy.typing import NDArray
 
 from storage.errors import ArchiveError
+from storage.kept import KEPT
 from storage.places import Place, delete_files, read_file, write_file
 from storage.provenance import digest_bytes
 
@@ -85,9 +86,9 @@ def write_block(
         np.savez(content, allow_pickle=False, **dict(zip(names, packed_arrays, strict=True)))
     packed = content.getvalue()
     write_file(place, path, packed)
-    seconds = round(time.monotonic() - begun, 3)
-    start, end = frames
-    return Written(Block(path, start, end, digest_bytes(packed)), seconds, tuple(notes))
+    block = Block(path, *frames, digest_bytes(packed))
+    KEPT.keep(block.sha256, arrays)
+    return Written(block, round(time.monotonic() - begun, 3), tuple(notes))
 
 
 def read_block(
@@ -100,6 +101,8 @@ def read_block(
     ArchiveError
         If they are gone, or not what was written.
     """
+    if (kept := KEPT.find(block.sha256, names)) is not None:
+        return kept
     try:
         packed = read_file(place, block.path)
     except FileNotFoundError:
@@ -164,6 +167,8 @@ def keyed_path(path: str, key: str) -> str:
 
 def discard_blocks(place: Place, blocks: Iterable[Block]) -> None:
     """Remove blocks that nobody needs any more, as far as that goes."""
+    blocks = list(blocks)
+    KEPT.discard(block.sha256 for block in blocks)
     with suppress(OSError):
         paths = {block.path for block in blocks}
         delete_files(place, sorted(paths | {_memory_path(path) for path in paths}))

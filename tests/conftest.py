@@ -34,23 +34,25 @@ def cases(number: int) -> int:
     return number * (20 if settings.get_current_profile_name() == "long" else 1)
 
 
-WITHOUT_KERNELS = ("tests/storage/", "tests/tasks/motion/", "tests/flows/", "tests/test_docs.py")
-"""Where tests reach no compiled code, or none that others do not: they run interpreted only."""
-
-
-LONGEST = ("test_serving.py", "test_digitization.py", "test_flows.py")
-"""Files that take minutes: at the end, one core would wait for them."""
+LONGEST = (
+    "test_serving.py",
+    "test_digitization.py",
+    "test_flows.py",
+    "test_search_page.py",
+    "test_changing_archives.py",
+    "test_examination.py",
+)
+"""Files that take a minute or more, the longest first: at the end, one core would wait for them."""
 
 
 def pytest_collection_modifyitems(items):
-    """Put the long files first, so that both cores are busy to the end; mark what has kernels."""
+    """Put the long files first, so that both cores are busy to the end."""
     weights = {}
     for item in items:
-        if not item.nodeid.startswith(WITHOUT_KERNELS):
-            item.add_marker(pytest.mark.kernels)
         marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
         weights[item.path] = max(weights.get(item.path, marks), marks)
-    items.sort(key=lambda item: (item.path.name in LONGEST, weights[item.path]), reverse=True)
+    ranks = {name: len(LONGEST) - rank for rank, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (ranks.get(item.path.name, 0), weights[item.path]), reverse=True)
 
 
 @pytest.fixture(scope="session")

@@ -70,12 +70,14 @@ def _checks() -> Iterator[Finding]:
             check_compiler,
             check_disk,
             check_kernel_cache,
+            check_memory,
         )
     except Exception as error:  # whatever a broken library raises is the finding
         yield Finding(False, f"shosa itself cannot be imported: {error}")
         return
     yield _tried("compiler", check_compiler)
     yield _tried("compiled code is kept", check_kernel_cache)
+    yield _tried("memory", check_memory)
     yield _tried("disk", check_disk)
     yield _tried("archive", check_archive)
 

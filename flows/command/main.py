@@ -22,6 +22,7 @@ from flows.command.options import (
     add_import_options,
     add_search_options,
     check_before_flow,
+    check_environment,
     clip_of,
     digitization_settings,
     import_settings,
@@ -201,6 +202,7 @@ def _ingest(options: argparse.Namespace) -> int:
     # all of it before Prefect starts, which takes long
     importing = import_settings(options, low_pass_hz=options.low_pass)
     settings = digitization_settings(options.settings)
+    check_environment()
     find_recordings(options.paths)
     create_archive(options.archive)
     prepare_prefect()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from storage import open_archive
 from storage.errors import InputError
 from storage.formats import MOTION_SUFFIXES
+from storage.kept import kept_limit
 from storage.schema import parse_frames
 
 if TYPE_CHECKING:
@@ -22,6 +23,20 @@ _MOST_HOURS = 24.0 * 366 * 100
 
 class UsageError(ValueError):
     """The command was called with values that do not go together."""
+
+
+def check_environment() -> None:
+    """See that what the environment sets for a digitization means something, before it begins.
+
+    Raises
+    ------
+    UsageError
+        If it does not.
+    """
+    try:
+        kept_limit()
+    except ValueError as error:
+        raise UsageError(str(error)) from error
 
 
 def add_search_options(command: argparse.ArgumentParser) -> None:

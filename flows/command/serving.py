@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.command import printing
-from flows.command.options import UsageError
+from flows.command.options import UsageError, check_environment
 from flows.links import VIEWER_URL, is_web_address
 from flows.served import Served, ServingError
 from flows.serving import serve
@@ -81,6 +81,7 @@ def run_serve(options: argparse.Namespace) -> int:
         If the archive or an inbox cannot be used.
     """
     _check(options)
+    check_environment()
     if options.viewer is not None:
         if not is_web_address(options.viewer):
             raise UsageError(f"--viewer {options.viewer} should read http://HOST:PORT")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from storage import create_archive
+from storage.kept import kept_limit
 from storage.schema import JOINTS
 from tasks.retrieval.normalization import INDEX_RATE_HZ, ROWS
 from tasks.retrieval.searching import Query, SearchSettings, search_takes
@@ -40,6 +41,11 @@ def check_kernel_cache() -> str:
             "to a directory of yours"
         )
     return f"compiled kernels are kept below {folder}"
+
+
+def check_memory() -> str:
+    """Look how much a digitization may keep in memory between its stages."""
+    return f"up to {kept_limit() / 1e6:.0f} MB are kept in memory between stages"
 
 
 def check_disk() -> str:

@@ -38,20 +38,22 @@ HOSTILE = "<script>alert(1)</script> | **b** [x](javascript:alert(1))\nnext"
 @pytest.fixture(autouse=True)
 def no_memory(monkeypatch):
     """No test knows of a server that went away in another."""
-    monkeypatch.setattr(dashboard, "_AWAY", {})
+    monkeypatch.setattr("flows.artifacts._AWAY", {})
 
 
 @pytest.fixture
 def said(monkeypatch):
-    """What the dashboard's module logs, each as (level, text)."""
+    """What the modules of the dashboard log, each as (level, text)."""
     records = []
     handler = logging.Handler()
     handler.emit = lambda record: records.append((record.levelname, record.getMessage()))
-    logger = logging.getLogger("flows.dashboard")
-    logger.addHandler(handler)
-    monkeypatch.setattr(logger, "propagate", False)
+    loggers = [logging.getLogger(f"flows.{name}") for name in ("artifacts", "dashboard")]
+    for logger in loggers:
+        logger.addHandler(handler)
+        monkeypatch.setattr(logger, "propagate", False)
     yield records
-    logger.removeHandler(handler)
+    for logger in loggers:
+        logger.removeHandler(handler)
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ class Serve:
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 self.command(
-                    "--port", str(self.port), "--every", "15", "--settle", "1", "--limit", "4"
+                    "--port", str(self.port), "--every", "20", "--settle", "1", "--limit", "4"
                 ),
                 env=self.environment,
                 stderr=log,
@@ -262,6 +262,17 @@ def test_the_parts_of_the_form_are_those_of_the_search():
     from tasks.retrieval.normalization import PARTS
 
     assert set(get_args(Part)) == set(PARTS)
+
+
+def test_a_scan_pays_for_no_stage():
+    """It runs every minute, in a process of its own."""
+    program = (
+        "import sys; import flows.forms;"
+        "slow = {'numba', 'xarray', 'zarr', 'scipy', 'cv2', 'av'} & set(sys.modules);"
+        "sys.exit(f'imported {slow}' if slow else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_every_parameter_of_a_form_is_described():

@@ -18,6 +18,7 @@ from storage.blocks import (
     write_block,
 )
 from storage.errors import ArchiveError
+from storage.kept import VARIABLE, Kept
 from storage.places import list_files, read_file
 from storage.publication import collect_garbage
 
@@ -49,7 +50,10 @@ def write(place, arrays, *, stage="carving", start=5, digest=DIGEST, take="okuri
     return written.block
 
 
-def test_a_block_gives_back_every_array_bit_for_bit(place, arrays):
+@pytest.mark.parametrize("kept", ["0", "100"])
+def test_a_block_gives_back_every_array_bit_for_bit(place, arrays, kept, monkeypatch):
+    monkeypatch.setenv(VARIABLE, kept)
+    monkeypatch.setattr("storage.blocks.KEPT", Kept())
     block = write(place, arrays)
     found = read_block(place, block)
     assert found.keys() == arrays.keys()
@@ -104,7 +108,9 @@ def test_a_damaged_memory_is_none(place, arrays, content):
 
 
 @pytest.mark.parametrize("fault", ["flipped", "cut", "empty", "gone"])
-def test_a_damaged_block_is_never_read(place, arrays, fault):
+def test_a_damaged_block_is_never_read(place, arrays, fault, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "0")
+    monkeypatch.setattr("storage.blocks.KEPT", Kept())  # other tests kept what is equal
     block = write(place, arrays)
     path = place.folder / block.path
     content = bytearray(path.read_bytes())

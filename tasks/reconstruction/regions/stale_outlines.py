@@ -24,6 +24,10 @@ _FAINTER = 0.5
 _SIDE = np.ones((3, 3), np.uint8)
 """A pixel and those around it."""
 
+_AROUND_PX = 2
+"""How far from a pixel what tells whether it is an edge lies at most [pixels]: the frame's edges
+around it, and what they change over."""
+
 
 def outline_of(silhouette: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the outermost pixels of a silhouette (row, column); the picture's border is none."""
@@ -45,12 +49,22 @@ def stale_outline(
     color : (row, column, 3) float32
         The background, smoothed.
     """
-    outline = outline_of(silhouette)
-    behind, ahead = _edges(color), cv2.dilate(_edges(smooth(frame).astype(np.float32)), _SIDE)
-    return outline & (behind >= _EDGE) & (ahead <= _FAINTER * behind)
+    stale = np.zeros(silhouette.shape, np.bool_)
+    column, row, columns, rows = cv2.boundingRect(silhouette.view(np.uint8))
+    if columns == 0:
+        return stale
+    box = (
+        slice(max(0, row - _AROUND_PX), row + rows + _AROUND_PX),
+        slice(max(0, column - _AROUND_PX), column + columns + _AROUND_PX),
+    )
+    behind = _edges(color[box])
+    ahead = cv2.dilate(_edges(smooth(frame)[box].astype(np.float32)), _SIDE)
+    edge = (behind >= _EDGE) & (ahead <= _FAINTER * behind)
+    stale[box] = outline_of(silhouette)[box] & edge
+    return stale
 
 
 def _edges(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (row, column) how much a picture changes over three pixels, in any channel."""
     change: Any = cv2.morphologyEx(np.ascontiguousarray(picture), cv2.MORPH_GRADIENT, _SIDE)
-    return change.max(axis=2)
+    return np.maximum(np.maximum(change[..., 0], change[..., 1]), change[..., 2])

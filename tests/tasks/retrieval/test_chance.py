@@ -27,7 +27,6 @@ def asked(seed):
     return Query(noise(1000 + seed, FRAMES + 8).rows[:, 4 : 4 + FRAMES], np.ones(21, bool))
 
 
-@pytest.mark.kernels
 def test_in_noise_the_chance_is_met_as_often_as_told():
     """The share of clips told to be as rare as p is p; of what is rarer, there is no more."""
     takes = [noise(3, 4000, "a"), noise(4, 4000, "b")]
@@ -48,7 +47,6 @@ def test_in_noise_the_chance_is_met_as_often_as_told():
     assert (met <= 0.01).mean() > 0.002  # what is always "never" would keep every bound
 
 
-@pytest.mark.kernels
 def test_neither_the_clip_itself_nor_true_matches_make_a_match_common():
     query = asked(1)
     empty, _ = make_take(6000, query, copies=0, seed=8)
@@ -60,7 +58,6 @@ def test_neither_the_clip_itself_nor_true_matches_make_a_match_common():
     assert many.of(np.median(few.distance)) == pytest.approx(0.5, abs=0.2)
 
 
-@pytest.mark.kernels
 def test_what_is_the_same_backwards_is_common():
     still = noise(9, 3000)
     still.rows[:, 600:2400] = still.rows[:, [600]]
@@ -70,7 +67,6 @@ def test_what_is_the_same_backwards_is_common():
     assert chance.expected(0.0) == pytest.approx(chance.of(0.0) * chance.clips)
 
 
-@pytest.mark.kernels
 def test_scale_heading_and_order_of_takes_change_no_chance():
     query, takes = asked(2), [noise(10, 2000, "a"), noise(11, 2000, "b")]
     there = measure_chance(query, takes, FEET, threads=1)
@@ -79,7 +75,6 @@ def test_scale_heading_and_order_of_takes_change_no_chance():
     assert there.clips == back.clips > FEWEST_CLIPS
 
 
-@pytest.mark.kernels
 def test_a_large_archive_is_sampled_evenly(monkeypatch):
     takes = [noise(20 + n, samples, f"{n}") for n, samples in enumerate((5000, 300, 1100, 3000))]
     query = asked(3)
@@ -94,7 +89,6 @@ def test_a_large_archive_is_sampled_evenly(monkeypatch):
         assert sampled.of(distance) == pytest.approx(everything.of(distance), abs=0.1)
 
 
-@pytest.mark.kernels
 def test_mirrored_clips_count_too():
     query, takes = asked(4), [noise(12, 4000)]
     alone = measure_chance(query, takes, FEET, threads=1)
@@ -102,7 +96,6 @@ def test_mirrored_clips_count_too():
     assert both.of(alone.distance[5]) > alone.of(alone.distance[5])
 
 
-@pytest.mark.kernels
 def test_of_a_small_archive_nothing_is_told():
     for takes in ([], [noise(13, 10)], [noise(13, 600)]):
         chance = measure_chance(asked(5), takes, FEET, threads=1)

@@ -20,7 +20,6 @@ def archive(tmp_path_factory):
     return location, make_dances(location)
 
 
-@pytest.mark.kernels
 def test_the_clip_of_a_match_is_that_part_of_the_take(archive):
     location, positions = archive
     table = find_matches(location, "asked:60-119", part="feet", top=4)
@@ -37,7 +36,6 @@ def test_the_clip_of_a_match_is_that_part_of_the_take(archive):
         assert clip.attrs["mirrored"] is False
 
 
-@pytest.mark.kernels
 @pytest.mark.parametrize(
     "options", [{"weights": {"Head": 2.0}}, {"mirror": True, "part": "arms"}, {"path_weight": 0.2}]
 )
@@ -58,7 +56,6 @@ def test_the_path_leads_from_end_to_end_and_has_the_distance_of_the_match(archiv
         assert total == pytest.approx(match["distance"], rel=1e-4)
 
 
-@pytest.mark.kernels
 def test_a_match_that_is_not_there_is_said(archive, tmp_path):
     location, _ = archive
     table = find_matches(location, "asked:60-119", top=2)

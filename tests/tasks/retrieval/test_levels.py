@@ -111,7 +111,6 @@ def performances():
     ]  # fmt: skip
 
 
-@pytest.mark.kernels
 @pytest.mark.parametrize("part", ["whole", "arms", "feet"])
 def test_dance_of_known_truth_lies_within_its_level(performances, part):
     asked, *others = performances
@@ -129,7 +128,6 @@ def test_dance_of_known_truth_lies_within_its_level(performances, part):
             assert level == "same" if number == 0 else level is not None
 
 
-@pytest.mark.kernels
 def test_other_movements_are_nothing_like_it(performances):
     asked, other = performances[0], performances[1]
     whole = SearchSettings(top=1)
@@ -142,7 +140,6 @@ def test_other_movements_are_nothing_like_it(performances):
             assert (level_of(match.distance, whole) is not None) == (a.movement == b.movement)
 
 
-@pytest.mark.kernels
 def test_a_clip_that_was_altered_keeps_its_level(performances):
     """Turned, moved, of another size, slower, faster, noisy: as near as before, or nearly."""
     position, clip = performances[0].position, performances[0].clips[0]

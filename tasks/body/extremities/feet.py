@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from storage.schema import NO_CAMERA
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
+from tasks.body.anatomy.identity import find_exchanged
 from tasks.body.anatomy.skin import SurfaceFrame, separability
 from tasks.body.extremities.candidates import LEAST_OWN, MOST_OWN, find_lumps
 from tasks.body.extremities.cells import gather_cells
@@ -223,9 +224,7 @@ def choose_feet(
     spot = [place / stature_m for place, _ in candidates]
     costs = []
     for (place, mass), seen, front in zip(candidates, face, facing, strict=True):
-        left = np.array([front[2], 0.0, -front[0]])
-        aside = np.nan_to_num((place - seen) @ left / stature_m / settings.typical_side)
-        side = settings.side * np.clip(aside, -FARTHEST_ASIDE, FARTHEST_ASIDE)
+        side = _aside(place, seen, front, stature_m, settings)
         own = colors.known * settings.none * (1.0 - np.clip(ENOUGH_MASS * mass, 0.0, 1.0))
         costs.append(((own + side) * pace, (own - side) * pace))
     position, weight, _ = best_paths(
@@ -238,7 +237,23 @@ def choose_feet(
         (settings.unseen * pace, settings.unseen * pace),
         together=settings.together * pace,
     )
+    sides = [
+        _aside(places * stature_m, seen, front, stature_m, settings)
+        for places, seen, front in zip(position, face, facing, strict=True)
+    ]
+    aside = 2.0 * pace * (np.array(sides) @ [1.0, -1.0])
+    exchanged = find_exchanged(position, aside, rate_hz, initial_frame)
+    position[exchanged], weight[exchanged] = position[exchanged, ::-1], weight[exchanged, ::-1]
     return position * stature_m, weight * colors.known
+
+
+def _aside(
+    place: Floats, face: Floats, facing: Floats, stature_m: float, settings: FootSettings
+) -> Floats:
+    """Return (place,) what a frame at 30 Hz costs a right foot, and gains a left one, by sides."""
+    left = np.array([facing[2], 0.0, -facing[0]])
+    aside = np.nan_to_num((place - face) @ left / stature_m / settings.typical_side)
+    return settings.side * np.clip(aside, -FARTHEST_ASIDE, FARTHEST_ASIDE)
 
 
 @njit(cache=True, nogil=True)

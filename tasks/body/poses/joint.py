@@ -30,6 +30,7 @@ from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.blobs.fitting import Fit
 from tasks.body.blobs.model import FitModel, make_model, place_model
 from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
+from tasks.body.poses.feet import turn_feet
 from tasks.body.poses.hands import look_for_hands
 from tasks.body.poses.passes import (
     Fitting,
@@ -240,6 +241,7 @@ def fit_in_passes(
         fits = _settle_in_rounds(take, merged)
     with within(done[5], 1.0):
         fits, unsure, gains = tell_sides(take, fits)
+        fits = turn_feet(take, fits)
     return Account(take, (tuple(first), tuple(again)), tuple(fits), gains), unsure
 
 

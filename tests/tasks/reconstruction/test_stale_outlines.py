@@ -38,20 +38,24 @@ def slowly(silhouette, frame, color):
     return found
 
 
-@pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("beside", [0, 6], ids=["at the border", "inside"])
-def test_each_pixel_is_told_as_by_itself(seed, beside):
-    rng = np.random.default_rng(seed)
+def test_each_pixel_is_told_as_by_itself(beside):
+    stale = sum(check_one(np.random.default_rng(seed), beside) for seed in range(20))
+    assert stale > 20
+
+
+def check_one(rng, beside):
+    """Compare a picture, whose silhouette is so far inside; return how many pixels are stale."""
     size = rng.integers(4, 16, 2) + 2 * beside
-    frame = cv2.GaussianBlur(rng.integers(0, 256, (*size, 3), dtype=np.uint8), (5, 5), 0)
-    color = rng.integers(0, 256, (*size, 3)).astype(np.float32)
+    spots = rng.random((2, *size, 3)) < 0.03  # few, so that each tells by itself
+    frame, color = np.uint8(90) * spots[0], np.float32(30) * spots[1]
     silhouette = cv2.GaussianBlur(rng.random(size), (0, 0), 1.5) > 0.5
     inside = np.zeros(size, bool)
     inside[beside : size[0] - beside, beside : size[1] - beside] = True
     silhouette &= inside
     expected = slowly(silhouette, frame, color)
-    assert expected.any()
     np.testing.assert_array_equal(stale_outline(silhouette, frame, color), expected)
+    return expected.sum()
 
 
 def test_no_silhouette_has_no_outline():

@@ -21,8 +21,8 @@ Stretch = tuple[int, int]
 """The first frame, and the frame after the last one."""
 
 TOUCHING = 0.07
-"""Two that are nearer are one lump [statures]. 12 cm. At 0.08 two hands that crossed 13 cm apart
-for half a second were exchanged, of 28 captures."""
+"""Two that are nearer are one lump [statures]. 12 cm: two feet side by side are now one lump, now
+two."""
 
 PASSING = 0.12
 """Two that come so near in a frame may have been exchanged in it [statures]. Fast feet pass each
@@ -32,8 +32,8 @@ _AROUND_S = 0.1
 """How long around that frame they are farther apart [s]. Chosen, not measured."""
 
 _PUSHED = 1.0
-"""Spectral density of acceleration [statures**2 / s**3]. With 0.5 and 2, nearly all contacts of 28
-captures tell the same."""
+"""Spectral density of acceleration [statures**2 / s**3]. With 0.5 and 2, nearly all contacts of the
+captures that doubt is learned from tell the same."""
 
 _EXACT = 0.012
 """How exact a place is, a standard deviation [statures]. 2 cm."""
@@ -51,7 +51,8 @@ _WINDOW_S = 0.3
 
 _NEVER_ONE = 10.0
 """Cost of an exchange of two that never were one lump [nats]. What was followed in two lumps was
-exchanged once in 28 captures, by feet at 4 m/s; motion told it with 18."""
+exchanged once in the captures that doubt is learned from and the shared ones, by feet at 4 m/s;
+motion told it with 18."""
 
 _MOST_TOLD = 12.0
 """What a contact tells at most [nats]. What was followed may be no hand at all."""

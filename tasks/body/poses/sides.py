@@ -7,6 +7,7 @@ explains it better stays. Of arms all stretches are decided together, for crosse
 voxels little better than others: what counts, too, is whether hands that met went on as they moved.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -75,23 +76,31 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
         at = np.stack([middles(take.model, fit.pose) for fit in kept])
         ends = at[:, [limb.end for limb in limbs]]
         stretches = _stretches(take, ends)
-        others = [_try(take, kept, pair, ends, stretch) for stretch in stretches]
+        wholes = _widen(ends, stretches)
+        others = [
+            _try(take, kept, pair, ends, both) for both in zip(stretches, wholes, strict=True)
+        ]
         gain = [-np.inf if other is None else gain for gain, other in others]
         is_arms = pair == _ARMS
         chosen = _choose(take, kept, ends, stretches, gain) if is_arms else np.array(gain) > 0.0
-        for (first, last), (gain, other), exchanged in zip(stretches, others, chosen, strict=True):
+        found = zip(stretches, wholes, others, chosen, strict=True)
+        for (first, last), whole, (gain, other), exchanged in found:
             gains[first:last, pair] = -gain if exchanged else gain
             if other is not None:
                 unsure[first:last, pair] = gain < take.settings.side_margin
-                kept[first:last] = other if exchanged else kept[first:last]
+            if other is not None and exchanged:
+                kept[slice(*whole)] = other
     return kept, unsure, gains
 
 
 def _try(
-    take: Fitting, fits: Sequence[Fit], pair: int, ends: Floats, stretch: Stretch
+    take: Fitting, fits: Sequence[Fit], pair: int, ends: Floats, both: tuple[Stretch, Stretch]
 ) -> tuple[float, list[Fit] | None]:
-    """Return how much likelier a stretch is the other way round, and its fits if that is near."""
-    (limbs, cues), (first, last) = _PAIRS[pair], stretch
+    """Return how much likelier a stretch is the other way round, and, if that is near, the fits.
+
+    These are of the second of both stretches, which holds the first.
+    """
+    (limbs, cues), ((first, last), whole) = _PAIRS[pair], both
     count = max(take.settings.side_frames, round((last - first) / take.rate_hz))
     looked = np.unique(np.linspace(first, last - 1, count).astype(int))
     tried = _exchange(take, fits, limbs, ends, looked)
@@ -100,8 +109,22 @@ def _try(
     less = _CROSSED_LESS if pair == _ARMS and crossed < 0.0 else 0.0
     if gain < -take.settings.side_margin - less:
         return gain, None
-    other = _fit_between(take, tried, stretch, cues)
-    return _gain(fits[first:last], dict(enumerate(other))), other
+    other = _fit_between(take, tried, (first, last), cues)
+    swapped = _with_cues_exchanged(take, cues)
+    before = follow(swapped, range(first - 1, whole[0] - 1, -1), other[0].pose)[::-1]
+    after = follow(swapped, range(last, whole[1]), other[-1].pose)
+    return _gain(fits[first:last], dict(enumerate(other))), [*before, *other, *after]
+
+
+def _widen(ends: Floats, stretches: Sequence[Stretch]) -> list[Stretch]:
+    """Return stretches that begin and end where a pair (time, 2, 3) is nearest between them."""
+    apart = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    cuts = [
+        end + int(np.argmin(apart[end:first]))
+        for (_, end), (first, _) in itertools.pairwise(stretches)
+    ]
+    first, last = [s[0] for s in stretches[:1]], [s[1] for s in stretches[-1:]]
+    return list(zip([*first, *cuts], [*cuts, *last], strict=True))
 
 
 def _choose(

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -70,12 +71,18 @@ def view_archive(options: argparse.Namespace) -> int:
         printing.print_line(address)
         printing.say(f"showing {options.archive}; Ctrl+C ends it")
 
+    signal.signal(signal.SIGTERM, _end)
     serve_viewer(
         options.archive, host=options.host, port=options.port, runs_url=runs,
         run_address=lambda take: run_address(runs, take),
         digitize=digitize, open_browser=not options.no_browser, tell=tell,
     )  # fmt: skip
     return 0
+
+
+def _end(*_: Any) -> None:
+    """End as if the viewer had returned: what visitors uploaded is removed."""
+    raise SystemExit(0)
 
 
 def add_report(commands: Any, make: Any) -> None:

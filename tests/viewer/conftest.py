@@ -5,6 +5,7 @@ import select
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,22 +50,25 @@ class Viewer:
 
 @contextmanager
 def open_viewer(location):
-    """Start a viewer of an archive, and end it."""
+    """Start a viewer of an archive, and end it: nothing of what visitors uploaded is left."""
     command = [sys.executable, "-m", "flows.command.main", "view", str(location)]
-    process = subprocess.Popen(
-        [*command, "--port", "0", "--no-browser"],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    try:
-        assert select.select([process.stdout], [], [], HANGING_S)[0]
-        yield Viewer(process.stdout.readline().strip().rstrip("/"), process)
-    finally:
-        process.terminate()
-        process.wait(HANGING_S)
-        process.stdout.close()
+    with tempfile.TemporaryDirectory() as uploads:
+        process = subprocess.Popen(
+            [*command, "--port", "0", "--no-browser"],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": uploads},
+        )
+        try:
+            assert select.select([process.stdout], [], [], HANGING_S)[0]
+            yield Viewer(process.stdout.readline().strip().rstrip("/"), process)
+            assert os.listdir(uploads)
+        finally:
+            process.terminate()
+            ended = process.wait(HANGING_S)
+            process.stdout.close()
+        assert (ended, os.listdir(uploads)) == (0, [])
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tasks.checks.agreement import AgreementSettings, check_agreement
-from tasks.checks.bounds import fitting_box, main_parts
+from tasks.checks.bounds import fitting_box, main_parts, parts_of
 from tasks.checks.voxel_consistency import hull_of, make_scene, measure_voxel_consistency
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import volume_grid
@@ -246,6 +246,19 @@ def test_large_silhouettes_are_reduced_with_their_cameras(cameras, silhouettes):
     np.testing.assert_array_equal(scene.silhouettes[:, :, ::2, ::2], silhouettes)
     found = check_agreement(large, four, GRID, NAMES)
     assert (found.faults, found.notes) == ((), ())
+
+
+@pytest.mark.parametrize("spread", [4, 9, 14])
+def test_voxels_less_than_three_apart_are_of_one_part(spread):
+    """Each voxel against each other one, joined until nothing changes."""
+    rng = np.random.default_rng(spread)
+    points = np.unique(rng.integers(0, spread, (60, 3)), axis=0) * 0.02 + [1.0, -2.0, 0.3]
+    joined = np.linalg.norm(points[:, None] - points, axis=2) < 3.1 * 0.02
+    lowest = np.arange(len(points))
+    for _ in points:
+        lowest = np.array([lowest[near].min() for near in joined])
+    part = parts_of(points, 0.02)
+    np.testing.assert_array_equal(part[:, None] == part, lowest[:, None] == lowest)
 
 
 def test_scraps_of_a_hull_need_no_room():

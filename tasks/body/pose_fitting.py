@@ -56,6 +56,10 @@ _LOOKED_AT = 48
 """In how many frames all over a take what stays far from the body is looked for [frames]. Chosen,
 not measured."""
 
+_LONG_S = 4.0
+"""How long a take is at least in which it is asked what stays in its place [s]. In a shorter one
+cloth may. Chosen, not measured."""
+
 Blobs = list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # mean and inverse, a frame each
 
 
@@ -132,6 +136,7 @@ def fit_take(
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
             measured = float(first["confidence"]) >= settings.doubts.least_confidence
+            measured &= len(frames) >= _LONG_S * source.fps
             arrays, blobs = _fit_jointly(
                 frames, start, seen, source.initial, settings.joint, measured=measured
             )
@@ -183,7 +188,7 @@ def _fit_jointly(
     frames: VoxelFrames, start: Start, seen: Extremities, given: Path | None,
     settings: JointMethodSettings, *, measured: bool,
 ) -> tuple[dict[str, NDArray], Blobs]:  # fmt: skip
-    """Fit all segments of all frames at once; `measured` says whether the body surely was."""
+    """Fit all segments of all frames at once; `measured` allows to ask what stays off the body."""
     fitted = fit_poses(
         HullFrames(frames),
         frames.grid,

@@ -428,7 +428,12 @@ def check_take(
         silhouettes, projection, grid_of(source), list(timing.names), settings, by
     )
     names = list(timing.names)
-    notes = [*begun.notes, *known, *found.notes, *filled_notes(filled[None], pixels[None], names)]
+    notes = [
+        *begun.notes,
+        *known,
+        *found.notes,
+        *filled_notes(filled[None], pixels[None], names, kept=False),
+    ]
     if faults := all_faults(telling, wrong, (*begun.faults, *found.faults)):
         said = "\n".join(f"- {each}" for each in (*faults, *notes))
         raise InputError(f"{capture} cannot be digitized:\n{said}")

@@ -43,7 +43,7 @@ class Compared:
     behind: tuple[NDArray[np.uint8], ...]
     """(row, column, 3) of each camera, its background; with masks a frame of its film."""
     filled: NDArray[np.int64]
-    """(time, camera) how many pixels were holes that the other cameras contradict."""
+    """(time, camera) how many pixels are, or were, holes that the other cameras contradict."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def see_silhouettes(
         facts = np.stack([_see_masks(capture, c, numbers, silhouettes) for c in range(len(frames))])
         telling = Telling(seeing.by, masks=facts.swapaxes(0, 1))
         shown = tuple(each[0] for each in frames)
-        filled = _fill_holes(capture, silhouettes)
+        filled = np.zeros(silhouettes.shape[:2], np.int64)  # masks are taken as they are
         return Compared(silhouettes, telling, (1.0,) * len(frames), shown, filled)
     backgrounds = seeing.backgrounds
     stale = np.zeros_like(silhouettes)
@@ -134,7 +134,9 @@ def see_silhouettes(
         keys=[each.key for each in backgrounds],
     )  # fmt: skip
     behind = tuple(each.color.round().astype(np.uint8) for each in backgrounds)
-    return Compared(silhouettes, telling, tuple(gains), behind, _fill_holes(capture, silhouettes))
+    # what is kept is told, too
+    into = silhouettes if seeing.settings.holes == "fill" else silhouettes.copy()
+    return Compared(silhouettes, telling, tuple(gains), behind, _fill_holes(capture, into))
 
 
 def _fill_holes(capture: Capture, silhouettes: NDArray[np.bool_]) -> NDArray[np.int64]:

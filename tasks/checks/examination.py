@@ -164,7 +164,8 @@ def examine_capture(
         seen.silhouettes, projection, grid_of(capture), names, settings, seeing.by
     )
     notes = (*notes, *known, *found.notes, *_gain_notes(names, seen.gains))
-    notes = (*notes, *filled_notes(seen.filled, seen.silhouettes.sum(axis=(2, 3)), names))
+    pixels, kept = seen.silhouettes.sum(axis=(2, 3)), silhouettes.holes == "keep"
+    notes = (*notes, *filled_notes(seen.filled, pixels, names, kept=kept))
     found = replace(found, faults=all_faults(seen.telling, wrong, found.faults))
     pictures, unwritten = (), ""
     try:

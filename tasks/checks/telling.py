@@ -114,9 +114,9 @@ def judge_telling(
 
 
 def filled_notes(
-    filled: NDArray[np.integer], pixels: NDArray[np.integer], names: Sequence[str]
+    filled: NDArray[np.integer], pixels: NDArray[np.integer], names: Sequence[str], *, kept: bool
 ) -> list[str]:
-    """Say in which cameras' silhouettes holes were filled that the others contradict.
+    """Say in which cameras' silhouettes there are holes that the others contradict.
 
     Parameters
     ----------
@@ -124,6 +124,8 @@ def filled_notes(
         How many pixels of each silhouette were such holes, and how many it has.
     names
         What the cameras are called.
+    kept
+        Whether such holes were not filled.
     """
     share = filled.sum(axis=0) / np.maximum(pixels.sum(axis=0), 1)
     told = [
@@ -131,10 +133,15 @@ def filled_notes(
     ]
     if not told:
         return []
+    done = (
+        'write holes = "fill" under [silhouettes] of digitize.toml, if it is no gap'
+        if kept
+        else "they were filled"
+    )
     return [
-        "Holes in silhouettes behind which the other cameras see a body were filled (share of the "
+        "There are holes in silhouettes behind which the other cameras see a body (share of the "
         f"silhouette): camera {', '.join(told)}. Something of the performer's has the color of the "
-        "stage."
+        f"stage, or there is a gap that only one camera sees: {done}."
     ]
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import cc3d
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +45,10 @@ measured."""
 
 _LEAST_FRAMES = 8
 """In how many frames at least [frames]."""
+
+_PIECE_M3 = 0.0005
+"""How large a piece is at least that stays [m³]. The leg of a chair is a liter in a hull of four
+cameras; smaller ones are the rim of a hull that is larger than the body."""
 
 _LINES = (
     ("Head", "Neck", 0.13), ("Neck", "Waist", 0.14), ("Waist", "RHip", 0.14),
@@ -134,11 +139,17 @@ def find_staying(
     for own in numbers:
         count[own] += 1
     staying = np.flatnonzero(count >= least)
+    if not len(staying):
+        return staying
     point = voxel_centers(grid, np.stack(np.unravel_index(staying, grid.shape), axis=1))
     off = np.zeros(len(staying), np.int64)
     for own, joints in zip(numbers, position, strict=True):
         off += np.isin(staying, own, assume_unique=True) & _off_the_body(point, joints, stature_m)
-    return staying[off >= least]
+    staying = staying[off >= least]
+    marks = np.zeros(grid.shape, np.uint8)
+    marks.flat[staying] = 1
+    piece = np.asarray(cc3d.connected_components(marks, connectivity=26)).ravel()[staying]
+    return staying[np.bincount(piece)[piece] * grid.voxel_m**3 >= _PIECE_M3]
 
 
 def _off_the_body(

@@ -24,8 +24,13 @@ _LEAST = 8
 _PIXELS = 6
 """How many pixels of a hole are asked first, evenly [pixels]. Chosen, not measured."""
 
-_MANY = 0.5
-"""Of how many of these the other cameras see a body where a hole may be none [share]."""
+_SHARED = 0.3
+"""Of how many of these the body begins on the ray where another camera has a hole, too, at least
+[share]. A print is seen by all that see its place; behind the gaps of a kimono that others do not
+see, the body begins where it ends for them."""
+
+_HOLE = 2
+"""How a hole is marked."""
 
 _NEARLY_ALL = 0.9
 """Of how many pixels of a hole they see a body at last where it is none [share]."""
@@ -69,13 +74,22 @@ def fill_holes(
     filled = np.zeros(len(silhouettes), np.int64)
     holes = [(c, hole) for c, silhouette in enumerate(silhouettes) for hole in _holes(silhouette)]
 
-    def ask(c: int, pixels: NDArray[np.integer], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return thickness(c, pixels, seen, projection, grid) >= _THICK_M
+    def ask(c: int, pixels: NDArray[np.integer], seen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        return measure_rays(c, pixels, seen, projection, grid)[0] >= _THICK_M
 
-    holes = [(c, hole) for c, hole in holes if ask(c, _some(hole), silhouettes).mean() >= _MANY]
+    if len({c for c, _ in holes}) < 2:
+        return filled
+    marks = silhouettes.astype(np.uint8)
+    for c, hole in holes:
+        marks[c][tuple(hole.T)] = _HOLE
+    holes = [
+        (c, hole)
+        for c, hole in holes
+        if np.mean(_fronts(c, _some(hole), marks, projection, grid)) >= _SHARED
+    ]
     if not holes:
         return filled
-    tried = silhouettes.copy()
+    tried = silhouettes.astype(np.uint8)
     left = [hole for _, hole in holes]
     for _ in range(_ROUNDS):
         found = [ask(c, pixels, tried) for (c, _), pixels in zip(holes, left, strict=True)]
@@ -120,11 +134,20 @@ def _holes(silhouette: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     return holes
 
 
-def thickness(
-    camera: int, pixels: NDArray[np.integer], silhouettes: NDArray[np.bool_],
+def _fronts(
+    camera: int, pixels: NDArray[np.integer], marks: NDArray[np.uint8], projection: Projection,
+    grid: VoxelGrid,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return of which pixels the body begins on the ray where another camera has a hole, too."""
+    thick, shared = measure_rays(camera, pixels, marks, projection, grid)
+    return shared & (thick >= _THICK_M)
+
+
+def measure_rays(
+    camera: int, pixels: NDArray[np.integer], marks: NDArray[np.uint8],
     projection: Projection, grid: VoxelGrid,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return (pixel,) how thick what the other cameras see on the ray of each pixel is, m.
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:  # fmt: skip
+    """Return how thick what the other cameras see on the ray of each pixel is, and what is before.
 
     Parameters
     ----------
@@ -132,11 +155,21 @@ def thickness(
         Whose pixels they are.
     pixels : (pixel, 2) int
         Rows and columns.
-    silhouettes, projection, grid
+    marks : (camera, row, column) uint8
+        1 in the silhouettes, 2 in their holes, 0 outside.
+    projection, grid
         As for `fill_holes`.
+
+    Returns
+    -------
+    thick : (pixel,) float64
+        The longest stretch inside all silhouettes of the other cameras, m.
+    shared : (pixel,) bool
+        Whether just before it nothing but holes of other cameras speaks against a body.
     """
+    thick, shared = np.zeros(len(pixels)), np.zeros(len(pixels), np.bool_)
     if not len(pixels):
-        return np.zeros(0)
+        return thick, shared
     flat = cv2.undistortPoints(
         pixels[:, None, ::-1].astype(np.float64),
         projection.intrinsics[camera],
@@ -147,41 +180,47 @@ def thickness(
     low = np.array(grid.origin_m)
     box = np.array([low, low + (np.array(grid.shape) - 1) * grid.voxel_m])
     step_m = _STEPS * grid.voxel_m
-    thick = np.zeros(len(pixels))
     center = camera_centers(projection)[camera]
-    _measure(center, ray, (box, step_m, camera), silhouettes, lens_of(projection), thick)
-    return thick
+    _measure(center, ray, (box, step_m, camera), marks, lens_of(projection), (thick, shared))
+    return thick, shared
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _measure(center: Any, ray: Any, within: Any, silhouettes: Any, lens: Any, thick: Any) -> None:
-    """Write the longest stretch of each ray that is inside the silhouettes of the other cameras.
+def _measure(center: Any, ray: Any, within: Any, marks: Any, lens: Any, found: Any) -> None:
+    """Write the longest stretch of each ray inside the silhouettes of the other cameras.
 
-    `within`: the corners of the volume, the step along a ray, and the camera of the rays.
+    `within`: the corners of the volume, the step along a ray, and the camera of the rays. `found`:
+    the lengths, and whether only holes are before them.
     """
     box, step, own = within
+    thick, shared = found
     for n in range(len(ray)):
         first, last = 0.0, np.inf
         for a in range(3):
             one = (box[0, a] - center[a]) / ray[n, a]
             other = (box[1, a] - center[a]) / ray[n, a]
             first, last = max(first, min(one, other)), min(last, max(one, other))
-        run = most = 0
+        run = most = ahead = 0
         far = first
         while far <= last:
             x, y = center[0] + far * ray[n, 0], center[1] + far * ray[n, 1]
             z = center[2] + far * ray[n, 2]
-            run = run + 1 if _is_inside(x, y, z, own, silhouettes, lens) else 0
-            most = max(most, run)
+            seen = _look(x, y, z, own, marks, lens)
+            if seen == 1:
+                run += 1
+                if run > most:
+                    most, shared[n] = run, ahead == 2
+            else:
+                run, ahead = 0, seen
             far += step
         thick[n] = most * step
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_inside(x: Any, y: Any, z: Any, own: Any, silhouettes: Any, lens: Any) -> bool:
-    """Return whether all other cameras that see a point film it inside, and enough see it."""
+def _look(x: Any, y: Any, z: Any, own: Any, marks: Any, lens: Any) -> Any:
+    """Return 1 where all other cameras see a point inside, 2 where some see a hole, else 0."""
     poses, intrinsics, distortion, radius, image_size = lens
-    seeing = 0
+    seeing, found = 0, 1
     count = len(poses)
     for n in range(count):
         c = (own + count // 4 + n) % count  # cameras at a right angle say no soonest
@@ -200,7 +239,9 @@ def _is_inside(x: Any, y: Any, z: Any, own: Any, silhouettes: Any, lens: Any) ->
         row = int(np.floor(inner[1, 1] * b + inner[1, 2] + 0.5))
         if not (0 <= column < image_size[c, 0] and 0 <= row < image_size[c, 1]):
             continue
-        if not silhouettes[c, row, column]:
-            return False
+        mark = marks[c, row, column]
+        if mark == 0:
+            return 0
+        found = max(found, np.int64(mark))
         seeing += 1
-    return seeing >= _OTHERS
+    return found if seeing >= _OTHERS else 0

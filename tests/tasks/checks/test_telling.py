@@ -214,8 +214,11 @@ def test_what_is_too_small_for_a_body_is_a_fault(by):
 def test_holes_that_were_filled_are_told_with_their_share_by_camera():
     pixels = np.full((4, 3), 5000)
     filled = np.array([[0, 0, 0], [0, 400, 8], [0, 200, 8], [0, 0, 8]])
-    [note] = filled_notes(filled, pixels, ["left", "front", "right"])
-    assert "other cameras see a body were filled" in note
+    names = ["left", "front", "right"]
+    [note] = filled_notes(filled, pixels, names, kept=False)
     assert "camera 'front' (3.0%)." in note
-    assert filled_notes(0 * filled, pixels, ["left", "front", "right"]) == []
-    assert filled_notes(0 * filled, 0 * pixels, ["left", "front", "right"]) == []
+    assert note.endswith("they were filled.")
+    [note] = filled_notes(filled, pixels, names, kept=True)
+    assert 'write holes = "fill" under [silhouettes]' in note
+    assert filled_notes(0 * filled, pixels, names, kept=True) == []
+    assert filled_notes(0 * filled, 0 * pixels, names, kept=False) == []

@@ -46,9 +46,9 @@ measured."""
 _LEAST_FRAMES = 8
 """In how many frames at least [frames]."""
 
-_PIECE_M3 = 0.0005
-"""How large a piece is at least that stays [m³]. The leg of a chair is a liter in a hull of four
-cameras; smaller ones are the rim of a hull that is larger than the body."""
+_PIECE_M3 = 0.00015
+"""How large a piece is at least that stays [m³]. What shows of a chair's leg beside the body is a
+fifth of a liter in a real capture of four cameras; the rim of such a hull is in smaller ones."""
 
 _LINES = (
     ("Head", "Neck", 0.13), ("Neck", "Waist", 0.14), ("Waist", "RHip", 0.14),

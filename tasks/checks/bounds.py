@@ -55,7 +55,8 @@ def parts_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int32]:
     ends = piece[[n for each in near for n in each]] if len(rest) else rest
     starts = np.repeat(piece[rest], [len(each) for each in near])
     graph = coo_array((np.ones(len(ends)), (starts, ends)), [piece.max() + 1] * 2)
-    return connected_components(graph, directed=False)[1][piece]
+    part: Any = connected_components(graph, directed=False)[1]
+    return part[piece]
 
 
 def fitting_box(

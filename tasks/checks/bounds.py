@@ -48,8 +48,8 @@ def parts_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int32]:
     cells = tuple(np.rint((points - points.min(axis=0)) / voxel_m).astype(np.intp).T)
     filled = np.zeros([axis.max() + 1 for axis in cells], np.bool_)
     filled[cells] = True
-    numbers: Any = ndimage.label(filled, np.ones((3, 3, 3)))[0]
-    piece = numbers[cells] - 1  # of voxels that touch; now pieces are joined
+    labeled: Any = ndimage.label(filled, np.ones((3, 3, 3)))
+    piece = labeled[0][cells] - 1  # of voxels that touch; now pieces are joined
     rest = np.flatnonzero(piece != np.bincount(piece).argmax())
     near = KDTree(points).query_ball_point(points[rest], 3.1 * voxel_m)
     ends = piece[[n for each in near for n in each]] if len(rest) else rest

@@ -123,8 +123,8 @@ class SilhouetteSettings:
 
     holes: Literal["keep", "fill"] = "keep"
     """Whether holes are filled behind which the other cameras see a body: a print of the stage's
-    color. Gaps that only one camera sees may be filled with them: of a kimono 0.9 % of the labels
-    become wrong. `shosa doctor` tells where there are such holes."""
+    color. Gaps that only one camera sees may be filled with them. `shosa doctor` tells where there
+    are such holes."""
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -47,8 +47,8 @@ _LEAST_FRAMES = 8
 """In how many frames at least [frames]."""
 
 _PIECE_M3 = 0.00015
-"""How large a piece is at least that stays [m³]. What shows of a chair's leg beside the body is a
-fifth of a liter in a real capture of four cameras; the rim of such a hull is in smaller ones."""
+"""How large a piece is at least that stays [m³]. Chosen on one real capture of four cameras, whose
+hull has smaller ones at its rim; not measured."""
 
 _LINES = (
     ("Head", "Neck", 0.13), ("Neck", "Waist", 0.14), ("Waist", "RHip", 0.14),

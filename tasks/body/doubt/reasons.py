@@ -38,10 +38,10 @@ class DoubtSettings:
         If a number is out of its range.
     """
 
-    doubtful: Share = 0.15
+    doubtful: Share = 0.08
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    captures left out of the learning it found 0.89 of the wrong frames, and 0.59 of the frames that
-    it named were wrong; 0.1 has 0.92 and 0.55, 0.25 has 0.83 and 0.64."""
+    captures left out of the learning it found 0.84 of the wrong frames, and 0.57 of the frames that
+    it named were wrong; 0.1 has 0.79 and 0.62, 0.15 has 0.75 and 0.69."""
 
     other_cause: Share = 0.25
     """How doubtful each segment is at least where the body was measured with little confidence,

@@ -46,13 +46,21 @@ LONGEST = (
 
 
 def pytest_collection_modifyitems(items):
-    """Put the long files first, so that both cores are busy to the end."""
+    """Put long files first, so that both cores are busy to the end; flows and S3 before browsers.
+
+    Where a browser was opened a loop of events goes on, in which Prefect gives coroutines back.
+    """
     weights = {}
     for item in items:
         marks = [bool(item.get_closest_marker(name)) for name in ("flow", "s3", "slow", "compiled")]
         weights[item.path] = max(weights.get(item.path, marks), marks)
     ranks = {name: len(LONGEST) - rank for rank, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: (ranks.get(item.path.name, 0), weights[item.path]), reverse=True)
+
+    def order(item):
+        own = weights[item.path]
+        return own[0] or own[1], ranks.get(item.path.name, 0), own
+
+    items.sort(key=order, reverse=True)
 
 
 @pytest.fixture(scope="session")

@@ -61,7 +61,9 @@ def test_blocks_that_were_found_do_not_make_the_rest_look_fast(clock):
     done = ("silhouettes", "carving", "coloring")
     for moment in work(clock, slowness=4.0, found_done=done):
         if moment.stage == "pose fitting" and moment.frame == FRAMES:
-            expected = [progress._EXPECTED[s] for s in list(progress._EXPECTED)[5:]]
+            stages = list(progress._EXPECTED)
+            after = stages[stages.index("pose_fitting") + 1 :]
+            expected = [progress._EXPECTED[stage] for stage in after]
             rest = sum(always + a_frame * FRAMES for always, a_frame in expected)
             assert moment.left_s == pytest.approx(4.0 * rest)
 

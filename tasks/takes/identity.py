@@ -5,7 +5,6 @@ can tell. Another recording, or other settings, make the take anew; other code d
 somebody asks for it, because a new version of the program is no reason to compute an archive again.
 """
 
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,7 +23,6 @@ _CODE = {
 """The modules that make a take, by the kind of the recording."""
 
 
-@functools.cache
 def code_of(kind: str) -> str:
     """Return the SHA-256 of the code that makes a take of a recording of this kind."""
     return code_behind(*_CODE["capture" if kind == "capture" else "motion"])

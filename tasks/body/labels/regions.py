@@ -102,9 +102,7 @@ def _find_regions_of(label: Any, lines: Any) -> Any:
 @njit(cache=True, nogil=True)
 def _clean(label: Any, lines: Any) -> Any:
     """Keep each label's largest region, let it grow; return how many voxels it does not reach."""
-    stretch = _find_stretches(label, lines)
-    column, beside = _find_columns(stretch)
-    region, size = _find_regions(stretch, column, beside)
+    stretch, column, beside, region, size = _find_regions_of(label, lines)
     largest = np.full(256, NOBODY, np.int64)
     seen = 0
     for s in range(len(stretch)):

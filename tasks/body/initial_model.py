@@ -26,7 +26,12 @@ from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.shape import measure_body
 from tasks.body.guess.search import guess_body
 from tasks.body.guess.single_frames import Shown
-from tasks.body.initial.frames import InitialModelSettings, best_later_frame, why_not_whole
+from tasks.body.initial.frames import (
+    InitialModelSettings,
+    best_later_frame,
+    first_of_each_kind,
+    why_not_whole,
+)
 from tasks.body.initial.search import (
     InitialModel,
     find_initial_model,
@@ -152,15 +157,15 @@ def _guessed_model(
 
     `fault` is why there is none of stretched arms.
     """
-    seen: dict[str, int] = {}
+    seen: list[tuple[int, str]] = []
     whole = []
     for frame in np.unique(np.linspace(0, len(frames) - 1, LOOKED_FOR).astype(int)).tolist():
         if why := why_not_whole(frames.index(frame), frames.grid, settings):
-            seen.setdefault(why, frame)
+            seen.append((frame, why))
         else:
             whole.append(frame)
     if len(whole) < LEAST_FRAMES:
-        what = "".join(f"; in frame {frame} {why}" for why, frame in seen.items())
+        what = f": {first_of_each_kind(seen)}" if seen else ""
         raise InputError(
             f"{fault}; nor can the body be guessed: {len(whole)} of the frames looked at show one "
             f"whole person, where {LEAST_FRAMES} or more are wanted{what}"

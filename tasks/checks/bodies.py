@@ -25,6 +25,8 @@ _STAYS_IN = 6
 """In how many frames at least it is asked what stays in its place [frames]. Eight are looked at."""
 _OF_FRAMES = 0.5
 """In how many of the frames looked at two are seen where there are two [share]."""
+_SEVERAL = 2
+"""In how many frames two are seen where another goes by [frames]. In one they may be two halves."""
 
 
 def judge_bodies(
@@ -62,17 +64,20 @@ def judge_bodies(
     seen, still = _without_still_things(seen, voxel_m)
     notes += still
     apart = [two for hull in seen if (two := _two_bodies(hull, voxel_m)) is not None]
-    if len(apart) >= max(_OF_FRAMES * len(seen), 1):
+    often = len(apart) >= max(_OF_FRAMES * len(seen), 1)
+    if often or len(apart) >= _SEVERAL:
         said = (
             f"two bodies are seen in {len(apart)} of {len(seen)} frames, "
             f"{np.median(apart):.1f} m apart"
         )
-        if by == "mask":
+        if by == "mask" and often:
             faults.append(f"{said}: the masks are of two people; make masks of one performer")
         else:
             notes.append(
-                f"{said[0].upper()}{said[1:]}: one of them is not the performer, and is to get the "
-                "label 0; look at the labels, or make the volume smaller."
+                f"{said[0].upper()}{said[1:]}: one of them is not the performer. Where they are "
+                "apart in all frames, the one nearer to the middle of the volume, or with the "
+                "joints of initial.json, is taken, and the other gets the label 0; where they "
+                "touch, the pose may be of both: make the volume smaller, or bring masks of one."
             )
     return faults, notes
 

@@ -1,4 +1,4 @@
-"""Hulls without some voxels of their grid."""
+"""Hulls without some of their voxels."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,20 +6,22 @@ from numpy.typing import NDArray
 from tasks.geometry.voxels import VoxelRuns, join_runs, take_frame, voxel_numbers
 
 
-def leave_out(runs: VoxelRuns, left_out: NDArray[np.bool_]) -> VoxelRuns:
-    """Return the runs of frames without some voxels of the grid.
+def leave_out(runs: VoxelRuns, kept: NDArray[np.bool_]) -> VoxelRuns:
+    """Return the runs of frames without some of their voxels.
 
     Parameters
     ----------
     runs
         Any frames.
-    left_out : (voxel of the grid,) bool
-        In the order of their numbers.
+    kept : (voxel,) bool
+        Which voxels stay, one frame after another.
     """
-    parts = []
+    parts, begin = [], 0
     for frame in range(runs.frames):
         number = voxel_numbers(take_frame(runs, frame))
-        number = number[~left_out[number]]
+        own = kept[begin : begin + len(number)]
+        begin += len(number)
+        number = number[own]
         begins = np.ones(len(number), np.bool_)
         begins[1:] = (np.diff(number) != 1) | (number[1:] % runs.shape[2] == 0)
         start = np.flatnonzero(begins)

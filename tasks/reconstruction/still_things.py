@@ -1,14 +1,16 @@
-"""Stage: find what stands still beside the performer: a chair, a stand, a lamp.
+"""Stage: find what is not the performer: a chair, a lamp, a sword, a fan, another dancer.
 
-What was brought in with the performer is in no background, and its voxels are in every hull. It is
-told by two signs together: it keeps its place all through the take, and in some frames it is a
-piece apart from what moves most, which is the performer. So the core of a performer who stays in
-place is none, for it is one with what moves. The stages after coloring leave these voxels out; in
-the archive they belong to no segment.
+What was brought in with the performer is in no background, and its voxels are in every hull. What
+stands still is told by two signs together: it keeps its place all through the take, and in some
+frames it is a piece apart from what moves most, which is the performer. So the core of a performer
+who stays in place is none, for it is one with what moves. What is held is told where it is longer
+than any part of a body that is as thin, or hangs by less of itself (`regions.held`); and another
+body where the two are apart in every frame (`regions.others`). The stages after coloring leave
+these voxels out; in the archive they belong to no segment.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cc3d
@@ -18,15 +20,23 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.blocks import Block, Written, write_block
 from storage.formats.capture.capture import capture_of
+from storage.formats.capture.initial import read_initial
 from tasks.capture.films import frames_all_over, grid_of
+from tasks.engine.threads import side_by_side
+from tasks.geometry.left_out import leave_out
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
+    decode_runs,
     encode_runs,
+    join_runs,
+    take_frame,
     voxel_centers,
     voxel_index,
     voxel_numbers,
 )
+from tasks.reconstruction.regions.held import find_held
+from tasks.reconstruction.regions.others import find_others
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _LOOKED_AT = 48
@@ -53,6 +63,17 @@ _OF_PIECE = 0.3
 
 _LEAST_M3 = 0.0005
 """How large a thing is at least [m³]. Half a liter; what is smaller takes nothing from a limb."""
+
+_EVERY_LOOKED_AT = 3
+"""In every which of these frames it is asked whether there are two bodies [frames]."""
+
+_LOOKED_AT_FOR_HELD = 16
+"""In how many frames all over a take it is looked for what is held, at most [frames]. Where there
+is nothing a frame takes 30 ms; chosen, not measured."""
+
+_LEAST_CLEAR = 3
+"""In how many of these frames at least something is surely held, where it is [frames]. Chosen, not
+measured."""
 
 _PERFORMER_M3 = 0.006
 """How large a piece is at least that may be the performer [m³]. As for `doctor`."""
@@ -139,6 +160,38 @@ def describe_still_things(things: VoxelRuns, grid: VoxelGrid) -> tuple[str, ...]
     )
 
 
+def find_held_things(
+    hull_of: Callable[[int], VoxelRuns], frames: int, grid: VoxelGrid
+) -> tuple[VoxelRuns | None, tuple[str, ...]]:
+    """Return the voxels of what is held in each frame, and a sentence; None where nothing is.
+
+    Parameters
+    ----------
+    hull_of
+        Gives the hull of a frame, a single frame.
+    frames
+        How many there are.
+    grid
+        Their grid.
+    """
+    some = frames_all_over(frames, _LOOKED_AT_FOR_HELD)
+    clear = side_by_side(lambda frame: find_held(hull_of(frame), grid)[1], some)
+    if sum(clear) < _LEAST_CLEAR:
+        return None, ()
+
+    def held_in(frame: int) -> VoxelRuns:
+        hull = hull_of(frame)
+        return leave_out(hull, find_held(hull, grid, known=True)[0])
+
+    held = join_runs(side_by_side(held_in, range(frames)))
+    count = int((np.diff(held.offset) > 0).sum())
+    return held, (
+        "Something is held that is no part of a body, long and thin, or flat: it was told in "
+        f"{count} of {frames} frames, is left out of the pose there, and its voxels belong to no "
+        "segment.",
+    )
+
+
 def find_still_take(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], into: str
 ) -> Written:
@@ -154,18 +207,52 @@ def find_still_take(
     Returns
     -------
     Written
-        The arrays are `start` and `length` of runs of voxels, in the order of one frame.
+        The arrays are `start` and `length` of runs of voxels, in the order of one frame; and where
+        something is held, or another body moves, `moving_start`, `moving_length` and
+        `moving_offset` of its runs in each frame. `two_bodies` is there where another body cannot
+        be told from the performer's.
     """
     begun = time.monotonic()
-    place = open_archive(archive).place
-    frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls)
-    some = frames_all_over(len(frames), _LOOKED_AT)
-    things = find_still_things([frames.hull(frame) for frame in some], frames.grid)
-    return write_block(
-        place,
-        into,
-        (0, len(frames)),
-        {"start": things.start, "length": things.length},
-        begun,
-        notes=describe_still_things(things, frames.grid),
-    )
+    place, source = open_archive(archive).place, capture_of(capture, digest)
+    frames = VoxelFrames(place, grid_of(source), hulls)
+    grid, count = frames.grid, len(frames)
+    some = frames_all_over(count, _LOOKED_AT)
+    things = find_still_things([frames.hull(frame) for frame in some], grid)
+    arrays = {"start": things.start, "length": things.length}
+    notes = describe_still_things(things, grid)
+    still = decode_runs(things, 0).ravel() if len(things.start) else None
+
+    def without_still(frame: int) -> VoxelRuns:
+        hull = frames.hull(frame)
+        return hull if still is None else leave_out(hull, ~still[voxel_numbers(hull)])
+
+    given = read_initial(source.initial) if source.initial else None
+    at = None if given is None or (given.frame or 0) >= count else (given.frame or 0)
+    others, said = find_others(
+        without_still, count, grid, some[::_EVERY_LOOKED_AT],
+        None if given is None or at is None else (at, given.position),
+    )  # fmt: skip
+    notes = (*notes, *said)
+    if others is None and said:
+        arrays["two_bodies"] = np.array(True)
+
+    def without_others(frame: int) -> VoxelRuns:
+        hull = without_still(frame)
+        return hull if others is None else leave_out(hull, ~_is_of(hull, others, frame))
+
+    held, said = find_held_things(without_others, count, grid)
+    moving = [each for each in (others, held) if each is not None]
+    if moving:
+        both = join_runs(
+            [
+                leave_out(hull, np.any([_is_of(hull, each, frame) for each in moving], axis=0))
+                for frame, hull in enumerate(map(frames.hull, range(count)))
+            ]
+        )
+        arrays |= {f"moving_{name}": getattr(both, name) for name in ("start", "length", "offset")}
+    return write_block(place, into, (0, count), arrays, begun, notes=(*notes, *said))
+
+
+def _is_of(hull: VoxelRuns, things: VoxelRuns, frame: int) -> NDArray[np.bool_]:
+    """Return which voxels of a single frame are of things, given in all frames."""
+    return np.isin(voxel_numbers(hull), voxel_numbers(take_frame(things, frame)), True)

@@ -56,13 +56,16 @@ class VoxelFrames:
         self._held_hulls: dict[int, VoxelRuns] = {}  # the one asked for last is the last
         self._held_colors: dict[int, dict[str, NDArray]] = {}
         self._lock = threading.Lock()
+        self._still: NDArray[np.bool_] | None = None
+        self._moving: VoxelRuns | None = None
         things = read_block(place, still) if still else {}
-        self._left_out: NDArray[np.bool_] | None = None
         if len(things.get("start", ())):
-            one = VoxelRuns(
-                things["start"], things["length"], np.array([0, len(things["start"])]), grid.shape
-            )
-            self._left_out = decode_runs(one, 0).ravel()
+            one = np.array([0, len(things["start"])])
+            runs = VoxelRuns(things["start"], things["length"], one, grid.shape)
+            self._still = decode_runs(runs, 0).ravel()
+        if len(things.get("moving_start", ())):
+            start, length, offset = (things[f"moving_{n}"] for n in ("start", "length", "offset"))
+            self._moving = VoxelRuns(start, length, offset, grid.shape)
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -120,40 +123,52 @@ class VoxelFrames:
 
     def kept(self, frame: int) -> NDArray[np.bool_] | None:
         """Return (voxel,) which of all voxels of a frame are here; None where all are."""
-        if self._left_out is None:
+        if self._still is None and self._moving is None:
             return None
         number = self._number(frame)
-        whole = take_frame(self._read_whole(number), frame - self._hulls[number].start)
-        return ~self._left_out[voxel_numbers(whole)]
+        return self._kept(self._read_whole(number), frame - self._hulls[number].start, frame)
+
+    def _kept(self, whole: VoxelRuns, inside: int, frame: int) -> NDArray[np.bool_]:
+        """Return (voxel,) which voxels of a frame, by its place in some hulls, are of no thing."""
+        number = voxel_numbers(take_frame(whole, inside))
+        kept = np.ones(len(number), np.bool_) if self._still is None else ~self._still[number]
+        if self._moving is not None:
+            own = voxel_numbers(take_frame(self._moving, frame - self.start))
+            kept &= ~np.isin(number, own, assume_unique=True)
+        return kept
+
+    def _kept_of_block(self, number: int, whole: VoxelRuns) -> NDArray[np.bool_]:
+        first = self._hulls[number].start
+        return np.concatenate([self._kept(whole, n, first + n) for n in range(whole.frames)])
 
     def _read_hulls(self, number: int) -> VoxelRuns:
         whole = self._read_whole(number)
-        if self._left_out is None:
+        if self._still is None and self._moving is None:
             return whole
-        return leave_out(whole, self._left_out)
+        return leave_out(whole, self._kept_of_block(number, whole))
 
     def _read_whole(self, number: int) -> VoxelRuns:
         return VoxelRuns(**read_block(self._place, self._hulls[number]), shape=self.grid.shape)
 
     def _read_colors(self, number: int, runs: VoxelRuns) -> dict[str, NDArray]:
         colors = read_block(self._place, self._colors[number])
-        if self._left_out is not None:
-            colors = self._without(colors, self._read_whole(number))
+        if self._still is not None or self._moving is not None:
+            kept = self._kept_of_block(number, self._read_whole(number))
+            colors = _only(colors, kept)
         return {**colors, "voxels": np.concatenate([[0], np.cumsum(count_voxels(runs))])}
 
-    def _without(self, colors: dict[str, NDArray], whole: VoxelRuns) -> dict[str, NDArray]:
-        """Return the colors of a block without those of the voxels that are left out."""
-        assert self._left_out is not None
-        kept = ~self._left_out[voxel_numbers(whole)]
-        is_surface, offset = colors["is_surface"], colors["offset"]
-        own = kept[is_surface]
-        before = np.concatenate([[0], np.cumsum(own)])
-        return {
-            "is_surface": is_surface[kept],
-            "color": colors["color"][own],
-            "camera": colors["camera"][own],
-            "offset": before[offset],
-        }
+
+def _only(colors: dict[str, NDArray], kept: NDArray[np.bool_]) -> dict[str, NDArray]:
+    """Return the colors of the voxels of a block that are kept."""
+    is_surface, offset = colors["is_surface"], colors["offset"]
+    own = kept[is_surface]
+    before = np.concatenate([[0], np.cumsum(own)])
+    return {
+        "is_surface": is_surface[kept],
+        "color": colors["color"][own],
+        "camera": colors["camera"][own],
+        "offset": before[offset],
+    }
 
 
 class HullFrames(Sequence[VoxelRuns]):

@@ -16,6 +16,7 @@ from storage.schema import JOINTS
 from tasks.studio.dancing.limbs import unit
 from tasks.studio.filming import FilmSettings, film_capture, generate_cameras
 from tasks.studio.stage.bodies import BodySurface, Clothes, pose_surface
+from tasks.studio.stage.scenes import Spoilers
 from tasks.studio.stage.tubes import Color, Track, Tube, close_tube, join_tubes, tube_along
 from tests.benchmarks.pose_captures import PLANS, dance_of
 
@@ -31,6 +32,8 @@ ROOM_M = 0.45
 """How far from the middle of a chair all joints stay."""
 
 FRAMES = 110
+PASSES_M = 0.4
+"""How far before the dancer another one goes by."""
 PRINT_M = (0.065, 0.085)
 """Half the width and half the height of the print on the chest."""
 
@@ -131,6 +134,9 @@ class Scene:
     things: Callable[[dict[str, Track]], list[Tube]] | None = None
     clothes: Clothes = "fitting"
     printed: bool = False
+    shadow: float = Spoilers().shadow
+    size: tuple[int, int] = (320, 240)
+    samples: int = 3
 
 
 def second(joints: dict[str, Track]) -> list[Tube]:
@@ -139,8 +145,22 @@ def second(joints: dict[str, Track]) -> list[Tube]:
     late = {
         name: np.roll(track, 30, axis=0) + 1.1 * left * (1, 0, 1) for name, track in joints.items()
     }
-    body = pose_surface(late)
-    return [Tube(body.vertex.astype(np.float64), body.triangle, body.color, body.segment)]
+    return [_tube_of(late)]
+
+
+def crossing(joints: dict[str, Track]) -> list[Tube]:
+    """Return another dancer, who goes by closely: 1.5 m aside first, at last on the other side."""
+    left = unit((joints["LHip"] - joints["RHip"])[0] * [1.0, 0.0, 1.0])
+    front = np.cross(left, (0.0, 1.0, 0.0))
+    share = np.linspace(1.5, -1.5, len(joints["LHip"]))[:, None]
+    moved = share * left + PASSES_M * front
+    return [_tube_of({name: np.roll(track, 30, axis=0) + moved for name, track in joints.items()})]
+
+
+def _tube_of(joints: dict[str, Track]) -> Tube:
+    """Return the surface of a body as a thing."""
+    body = pose_surface(joints)
+    return Tube(body.vertex.astype(np.float64), body.triangle, body.color, body.segment)
 
 
 SCENES = {
@@ -151,6 +171,9 @@ SCENES = {
     "umbrella": Scene(things=umbrella),
     "print": Scene(printed=True),
     "second": Scene(things=second),
+    "crossing": Scene(things=crossing),
+    "shadow": Scene(shadow=0.75),
+    "large": Scene(size=(1920, 1080), samples=1),
 }
 """By name."""
 
@@ -201,12 +224,14 @@ def make_scene(folder: Path, data: Path, name: str, frames: int = FRAMES) -> Pat
     center = position.reshape(-1, 3)
     middle = (center.min(axis=0) + center.max(axis=0)) / 2.0
     reach = np.ptp(center[:, [0, 2]], axis=0).max() / 2.0
-    ring = replace(plan.ring, radius_m=max(plan.ring.radius_m, 3.2 + reach))
+    ring = replace(plan.ring, radius_m=max(plan.ring.radius_m, 3.2 + reach), size=scene.size)
     dress = dressed(scene, joints)
     film_capture(
         into, position, plan.rate_hz,
         cameras=generate_cameras(ring, center_m=middle, seed=0),
-        settings=FilmSettings(clothes=scene.clothes),
+        settings=FilmSettings(
+            clothes=scene.clothes, samples=scene.samples, spoilers=Spoilers(shadow=scene.shadow)
+        ),
         metadata={"title": name, "performer": "generated"}, seed=0, dress=dress,
     )  # fmt: skip
     body = pose_surface(joints, clothes=scene.clothes)

@@ -21,9 +21,10 @@ from flows import chain
 from storage import create_archive
 from storage.blocks import Written, read_block
 from storage.formats.capture.capture import read_capture
+from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording, digest_capture
 from tasks.geometry.voxels import voxel_centers
-from tasks.settings import Settings
+from tasks.settings import Settings, read_settings
 from tests.benchmarks.pose_runs import Voxels
 from tests.benchmarks.pose_scores import joint_errors, label_accuracy, score_joints
 from tests.benchmarks.prop_scenes import SCENES, make_scene
@@ -48,11 +49,17 @@ def digitize(capture: Path, archive: Path) -> tuple[Voxels, dict[str, list[Writt
         str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
     )
     blocks, notes = chain.digitize(
-        str(archive), recording, Settings(), run=lambda function, **given: function(**given),
+        str(archive), recording, settings_of(capture),
+        run=lambda function, **given: function(**given),
         tell=lambda _stage, _end: None,
     )  # fmt: skip
     more = [note for written in blocks.values() for each in written for note in each.notes]
     return Voxels(str(archive), recording, blocks), blocks, [*notes, *more]
+
+
+def settings_of(capture: Path) -> Settings:
+    """Return the settings that a capture's `digitize.toml` asks for."""
+    return read_settings(read_capture_settings(capture), f"{capture}/{SETTINGS_FILE}")
 
 
 def measure(folder: Path, data: Path, name: str) -> tuple[str, list[str]]:

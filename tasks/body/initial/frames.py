@@ -4,6 +4,7 @@ Performers hold the pose for some frames. Together these tell what the hull of o
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -167,20 +168,20 @@ def best_frame(
     """
     count = min(runs.frames, max(1, round(settings.search_s * rate_hz)))
     frames = np.unique(np.linspace(0, count - 1, min(settings.frames, count)).astype(int))
-    looked, seen = [], {}
+    looked: list[Candidate] = []
+    seen: list[tuple[int, str]] = []
     for done, frame in enumerate(frames.tolist()):
         report(done, len(frames))
         around = frames_around(frame, runs.frames, round(settings.held_s * rate_hz))
         found = _look_at(runs, grid, frame, around, settings)
         if isinstance(found, str):
-            seen.setdefault(found, frame)
+            seen.append((frame, found))
         else:
             looked.append(found)
     if not looked:
-        what = "; ".join(f"in frame {frame} {text}" for text, frame in seen.items())
         raise InputError(
             f"no frame of the first {settings.search_s:g} s shows one whole person with stretched "
-            f"arms: {what or 'there are no frames'}; {WAY_OUT}"
+            f"arms: {first_of_each_kind(seen) or 'there are no frames'}; {WAY_OUT}"
         )
     best, *others = _without_what_is_lost(looked, settings)
     for found in others:
@@ -237,6 +238,21 @@ def _look_at(
     if missing_reach(point, arms) > 1.0:
         score *= WITHOUT_HANDS
     return Candidate(frame, index, is_body, body, arms, lost, score)
+
+
+def first_of_each_kind(seen: Sequence[tuple[int, str]]) -> str:
+    """Return what is wrong with frames, by their numbers: one of each kind, and how many it is of.
+
+    What differs in its numbers only is of one kind.
+    """
+    kinds: dict[str, list[tuple[int, str]]] = {}
+    for frame, text in seen:
+        kinds.setdefault(re.sub(r"\d+(\.\d+)?", "", text), []).append((frame, text))
+    told = ((len(same) - 1, *same[0]) for same in kinds.values())
+    return "; ".join(
+        f"in frame {frame} {text}{f' (and so in {more} more)' if more else ''}"
+        for more, frame, text in told
+    )
 
 
 def why_not_whole(

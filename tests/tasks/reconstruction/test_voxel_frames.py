@@ -81,13 +81,21 @@ def test_every_frame_is_found_in_its_block_in_whatever_order(frames, occupied, o
 
 
 @pytest.mark.parametrize("order", [range(8), (7, 0, 5, 3, 4, 2, 6, 1)], ids=["forward", "mixed"])
-def test_what_stands_still_is_left_out_of_every_frame(frames, occupied, order):
-    things = np.random.default_rng(2).random(GRID.shape) < 0.3
-    runs, place = encode_runs(things[None]), frames._place
-    arrays = {"start": runs.start, "length": runs.length}
-    still = write_block(place, "work/still", (0, 8), arrays, time.monotonic()).block
-    without = VoxelFrames(place, GRID, frames._hulls, frames._colors, still)
+@pytest.mark.parametrize("what", ["still", "moving", "both"])
+def test_what_is_not_the_performer_is_left_out_of_every_frame(frames, occupied, order, what):
+    rng, place = np.random.default_rng(2), frames._place
+    still, moving = rng.random(GRID.shape) < 0.3, rng.random(occupied.shape) < 0.2
+    still &= what != "moving"
+    moving &= what != "still"
+    one, all_frames = encode_runs(still[None]), encode_runs(moving & occupied)
+    arrays = {"start": one.start, "length": one.length}
+    if what != "still":
+        names = ("start", "length", "offset")
+        arrays |= {f"moving_{name}": getattr(all_frames, name) for name in names}
+    block = write_block(place, "work/still", (0, 8), arrays, time.monotonic()).block
+    without = VoxelFrames(place, GRID, frames._hulls, frames._colors, block)
     for frame in order:
+        things = still | moving[frame]
         kept = ~things[occupied[frame]]
         np.testing.assert_array_equal(without.kept(frame), kept)
         index = np.argwhere(occupied[frame] & ~things)

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from tasks.body.initial.frames import InitialModelSettings, best_later_frame, why_not_whole
+from tasks.body.initial.frames import (
+    InitialModelSettings,
+    best_later_frame,
+    first_of_each_kind,
+    why_not_whole,
+)
 from tasks.geometry.voxels import take_frame, voxel_index
 from tests.figures.initial_figures import GRID, figure_of, runs_of, stretched_body, with_arms
 
@@ -65,3 +70,13 @@ def test_a_frame_of_nobody_two_people_or_half_a_person_is_said_to_be_so(hanging)
     said = why_not_whole(voxel_index(runs_of(beyond), 0), GRID, SETTINGS)
     assert "partly outside the volume" in said
     assert "enlarge the [volume]" in said
+
+
+def test_of_what_is_wrong_with_frames_each_kind_is_told_once():
+    pieces = "there are two pieces of {} and {} voxels"
+    seen = [(0, pieces.format(70, 66)), (4, "there are only 3 voxels"), (8, pieces.format(9, 7))]
+    assert first_of_each_kind(seen) == (
+        "in frame 0 there are two pieces of 70 and 66 voxels (and so in 1 more); in frame 4 there "
+        "are only 3 voxels"
+    )
+    assert first_of_each_kind([]) == ""

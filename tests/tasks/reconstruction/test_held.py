@@ -1,0 +1,130 @@
+"""What is held, in hulls of boxes: told from arms, sleeves and legs."""
+
+import numpy as np
+import pytest
+
+from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_numbers
+from tasks.reconstruction.regions.held import find_held
+from tasks.reconstruction.still_things import find_held_things
+
+GRID = VoxelGrid((0.0, 0.0, 0.0), 0.02, (90, 110, 60))
+
+
+def body():
+    """Return a trunk with an arm that is stretched along x, down to the floor."""
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[20:36, 0:80, 24:36] = True
+    occupied[36:67, 63:68, 28:33] = True
+    return occupied
+
+
+def rod(length):
+    """Return an upright rod of two centimeters at the end of the hand."""
+    things = np.zeros(GRID.shape, bool)
+    things[66, 66 : 66 + length, 30] = True
+    return things
+
+
+def fan():
+    """Return a half disc of 0.3 m that the hand holds at its middle."""
+    x, y, z = np.indices(GRID.shape)
+    return (z == 30) & (x >= 67) & (np.hypot(x - 66, y - 65) <= 16)
+
+
+def umbrella():
+    """Return a thick dome on a stick."""
+    x, y, z = np.indices(GRID.shape)
+    return rod(26) | ((np.hypot(x - 66, z - 30) <= 16) & (y >= 90) & (y < 96))
+
+
+def found(occupied, *, known=False):
+    """Return (x, y, z) what is held, and whether that is clear."""
+    is_held, clear = find_held(encode_runs(occupied[None]), GRID, known=known)
+    marks = np.zeros(GRID.shape, bool)
+    marks[occupied] = is_held
+    return marks, clear
+
+
+@pytest.mark.parametrize(
+    ("thing", "share"), [(rod(40), 0.6), (fan(), 0.8), (umbrella(), 0.95)],
+    ids=["sword", "fan", "umbrella"],
+)  # fmt: skip
+@pytest.mark.parametrize("known", [True, False])
+def test_what_a_hand_holds_is_found_and_nothing_of_the_body(thing, share, known):
+    thing = thing & ~body()
+    held, clear = found(body() | thing, known=known)
+    assert clear
+    assert not (held & ~thing).any()
+    assert held.sum() > share * thing.sum()  # a hand's length of it may be left to the hand
+
+
+def sleeve():
+    """Return a sheet of cloth that hangs from all of the arm."""
+    cloth = np.zeros(GRID.shape, bool)
+    cloth[40:66, 40:63, 30] = True
+    return cloth
+
+
+def thin_arm():
+    """Return a child's forearm and hand, 0.24 m, as thin as a rod."""
+    arm = np.zeros(GRID.shape, bool)
+    arm[67:79, 65, 30] = True
+    return arm
+
+
+def leg():
+    """Return a leg beside the trunk that hangs on it by a thread, down to the floor."""
+    marks = np.zeros(GRID.shape, bool)
+    marks[4:14, 0:44, 25:35] = True
+    marks[14:20, 42, 30] = True
+    return marks
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("more", [sleeve, thin_arm, leg], ids=["sleeve", "thin arm", "leg"])
+def test_sleeves_thin_arms_and_legs_are_no_things(more, known):
+    held, clear = found(body() | more(), known=known)
+    assert not held.any()
+    assert not clear
+
+
+def test_a_thick_thing_on_a_thin_neck_is_held_where_one_is_known():
+    thing = np.zeros(GRID.shape, bool)
+    thing[72:88, 60:80, 22:40] = True
+    thing[67:72, 65, 30] = True
+    assert not found(body() | thing)[0].any()
+    held, clear = found(body() | thing, known=True)
+    assert not clear
+    assert not (held & ~thing).any()
+    assert held[74:].sum() == thing[74:].sum()
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_empty_frame_holds_nothing(known):
+    held, clear = found(np.zeros(GRID.shape, bool), known=known)
+    assert not held.any()
+    assert not clear
+
+
+def take(swords):
+    """Return hulls of twenty frames, a sword in some of them."""
+    whole = [body() | rod(40) if n in swords else body() for n in range(20)]
+    return encode_runs(np.stack(whole))
+
+
+def test_a_thing_that_is_seen_in_some_frames_is_found_in_each_of_them():
+    hulls = take(range(4, 16))
+    held, notes = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
+    assert held is not None
+    one, _ = find_held(take_frame(hulls, 4), GRID, known=True)
+    wanted = voxel_numbers(take_frame(hulls, 4))[one]
+    for frame in range(20):
+        own = voxel_numbers(take_frame(held, frame))
+        np.testing.assert_array_equal(own, wanted if 4 <= frame < 16 else [])
+    assert len(wanted)
+    assert "in 12 of 20 frames" in notes[0]
+
+
+def test_what_is_seen_in_two_frames_may_be_noise():
+    hulls = take((3, 9))
+    assert find_held_things(lambda n: take_frame(hulls, n), 20, GRID) == (None, ())

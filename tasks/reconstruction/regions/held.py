@@ -41,12 +41,15 @@ _SHEET_M2 = 0.03
 is .03 to .07."""
 
 _NECK, _NECK_M = 0.05, 0.2
-"""How much of a sheet, or of what is thick and held, touches the body at most [share of its
-voxels], and how far that goes [m]. Of a fan it is .02 and .09 at most; of sleeves .09 and .16 to
-.34."""
+"""How much of a sheet touches the body at most [share of its voxels], and how far that goes [m]. Of
+a fan it is .02 and .09 at most; of sleeves .09 and .16 to .34."""
 
 _HEAVY_M3 = 0.003
 """How large what is thick is at least where it is held [m³]. A forearm has 2 liters."""
+
+_HEAVY_NECK = 0.03
+"""How much of it touches the body then at most [share of its voxels]. Of a fan, with the hand and
+the thin edges of a sleeve, .01."""
 
 _FLOOR_M = 0.15
 """How far above the lowest voxel what is held ends at least [m]. A foot does not."""
@@ -99,7 +102,8 @@ def find_held(
         is_clear |= _is_heavy(carried > 0, crop, grid.voxel_m)
         held |= carried
     if known:
-        held |= _hanging(crop, body, beside, steps, grid.voxel_m)
+        hanging = _hanging(crop, body, beside, steps, grid.voxel_m)
+        held |= hanging & _grown(hanging & thick, 2 * steps)  # the neck is a hand
     elif not is_clear:
         return nothing, False
     return held[tuple((index - begin).T)] > 0, is_clear
@@ -163,7 +167,7 @@ def _hanging(crop: Marks, body: Marks, beside: Marks, steps: int, voxel_m: float
     found = np.zeros_like(crop)
     for number in np.flatnonzero(size * voxel_m**3 > _HEAVY_M3):
         own = rest == number
-        if number and _is_neck(np.argwhere(own & (beside > 0)), size[number], voxel_m):
+        if number and (beside[own] > 0).mean() <= _HEAVY_NECK:
             found |= own & _is_heavy(own, crop, voxel_m)
     return found
 

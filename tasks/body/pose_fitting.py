@@ -110,7 +110,7 @@ def fit_take(
     Written
         The arrays are `joint` (time, 21, 3) and `position` (time, 11, 3), m, `rotation`
         (time, 11, 3, 3), `quality` (time, 11), `doubtful` (time,), why it is so as of
-        `find_doubts` (`unexplained` throughout where there are two bodies), of the method `joint`
+        `find_doubts` (`unexplained` where `find_still_take` told so, too), of the method `joint`
         also `doubt` (time, 11) as of `settle_doubt`, `hands_unsure` and `feet_unsure` (time,) bool,
         what labels voxels (of `joint` the body's fields, `turn` and `shift` a frame, and `staying`,
         the numbers of voxels in which something stays off a body that was measured with
@@ -150,8 +150,10 @@ def fit_take(
             initial_frame=start.frame, confidence=float(first["confidence"]),
             settings=settings.doubts,
         )  # fmt: skip
-        if still and "two_bodies" in read_block(place, still):
-            arrays["unexplained"] = arrays["doubtful"] = np.ones(len(frames), np.bool_)
+        if still:
+            told = read_block(place, still)["unexplained"]
+            arrays["unexplained"] = arrays["unexplained"] | told
+            arrays["doubtful"] = arrays["doubtful"] | told
         if "doubt" in arrays:
             arrays |= settle_doubt(arrays["doubt"], arrays["quality"], arrays, settings.doubts)
     arrays["seen"] = seen.position

@@ -162,8 +162,10 @@ def describe_still_things(things: VoxelRuns, grid: VoxelGrid) -> tuple[str, ...]
 
 def find_held_things(
     hull_of: Callable[[int], VoxelRuns], frames: int, grid: VoxelGrid
-) -> tuple[VoxelRuns | None, tuple[str, ...]]:
+) -> tuple[VoxelRuns | None, NDArray[np.bool_], tuple[str, ...]]:
     """Return the voxels of what is held in each frame, and a sentence; None where nothing is.
+
+    And (time,) in which frames it hides the hand that holds it.
 
     Parameters
     ----------
@@ -175,21 +177,26 @@ def find_held_things(
         Their grid.
     """
     some = frames_all_over(frames, _LOOKED_AT_FOR_HELD)
-    clear = side_by_side(lambda frame: find_held(hull_of(frame), grid)[1], some)
+    clear = side_by_side(lambda frame: find_held(hull_of(frame), grid).is_clear, some)
     if sum(clear) < _LEAST_CLEAR:
-        return None, ()
+        return None, np.zeros(frames, np.bool_), ()
 
-    def held_in(frame: int) -> VoxelRuns:
+    def held_in(frame: int) -> tuple[VoxelRuns, bool]:
         hull = hull_of(frame)
-        return leave_out(hull, find_held(hull, grid, known=True)[0])
+        found = find_held(hull, grid, known=True)
+        return leave_out(hull, found.is_held), found.hides_hand
 
-    held = join_runs(side_by_side(held_in, range(frames)))
+    runs, hides = zip(*side_by_side(held_in, range(frames)), strict=True)
+    held, hidden = join_runs(runs), np.array(hides)
     count = int((np.diff(held.offset) > 0).sum())
-    return held, (
+    if count > 2 * hidden.sum():
+        hidden &= False  # a rod, whose hand is seen
+    where = f" In {hidden.sum()} of them the hand that holds it is a guess." if hidden.any() else ""
+    return held, hidden, (
         "Something is held that is no part of a body, long and thin, or flat: it was told in "
         f"{count} of {frames} frames, is left out of the pose there, and its voxels belong to no "
-        "segment.",
-    )
+        f"segment.{where}",
+    )  # fmt: skip
 
 
 def find_still_take(
@@ -209,8 +216,8 @@ def find_still_take(
     Written
         The arrays are `start` and `length` of runs of voxels, in the order of one frame; and where
         something is held, or another body moves, `moving_start`, `moving_length` and
-        `moving_offset` of its runs in each frame. `two_bodies` is there where another body cannot
-        be told from the performer's.
+        `moving_offset` of its runs in each frame. `unexplained` (time,) tells where another body
+        cannot be told from the performer's, or a hand from what it holds.
     """
     begun = time.monotonic()
     place, source = open_archive(archive).place, capture_of(capture, digest)
@@ -233,14 +240,14 @@ def find_still_take(
         None if given is None or at is None else (at, given.position),
     )  # fmt: skip
     notes = (*notes, *said)
-    if others is None and said:
-        arrays["two_bodies"] = np.array(True)
+    two = others is None and len(said) > 0
 
     def without_others(frame: int) -> VoxelRuns:
         hull = without_still(frame)
         return hull if others is None else leave_out(hull, ~_is_of(hull, others, frame))
 
-    held, said = find_held_things(without_others, count, grid)
+    held, hidden, said = find_held_things(without_others, count, grid)
+    arrays["unexplained"] = hidden | two
     moving = [each for each in (others, held) if each is not None]
     if moving:
         both = join_runs(

@@ -140,21 +140,27 @@ class Scene:
 
 
 def second(joints: dict[str, Track]) -> list[Tube]:
-    """Return another dancer, 1.1 m aside and a second late."""
-    left = unit((joints["LHip"] - joints["RHip"])[0] * [1.0, 0.0, 1.0])
-    late = {
-        name: np.roll(track, 30, axis=0) + 1.1 * left * (1, 0, 1) for name, track in joints.items()
-    }
-    return [_tube_of(late)]
+    """Return another dancer, 1.6 m aside and a second late."""
+    return [_tube_of({name: _late(track) + 1.6 * _left(joints) for name, track in joints.items()})]
 
 
 def crossing(joints: dict[str, Track]) -> list[Tube]:
     """Return another dancer, who goes by closely: 1.5 m aside first, at last on the other side."""
-    left = unit((joints["LHip"] - joints["RHip"])[0] * [1.0, 0.0, 1.0])
+    left = _left(joints)
     front = np.cross(left, (0.0, 1.0, 0.0))
     share = np.linspace(1.5, -1.5, len(joints["LHip"]))[:, None]
     moved = share * left + PASSES_M * front
-    return [_tube_of({name: np.roll(track, 30, axis=0) + moved for name, track in joints.items()})]
+    return [_tube_of({name: _late(track) + moved for name, track in joints.items()})]
+
+
+def _left(joints: dict[str, Track]) -> Floats:
+    """Return the level direction to the dancer's left at the beginning."""
+    return unit((joints["LHip"] - joints["RHip"])[0] * [1.0, 0.0, 1.0])
+
+
+def _late(track: Track) -> Track:
+    """Return a track a second late; it stays in its beginning until then."""
+    return np.concatenate([np.repeat(track[:1], 30, axis=0), track[:-30]])
 
 
 def _tube_of(joints: dict[str, Track]) -> Tube:

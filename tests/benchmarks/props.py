@@ -40,7 +40,9 @@ HEADING = (
 )
 
 
-def digitize(capture: Path, archive: Path) -> tuple[Voxels, dict[str, list[Written]], list[str]]:
+def digitize(
+    capture: Path, archive: Path, settings: Settings
+) -> tuple[Voxels, dict[str, list[Written]], list[str]]:
     """Digitize a capture into a new archive; return its voxels, all blocks, and the notes."""
     shutil.rmtree(archive, ignore_errors=True)
     create_archive(str(archive))
@@ -49,7 +51,7 @@ def digitize(capture: Path, archive: Path) -> tuple[Voxels, dict[str, list[Writt
         str(capture), digest_capture(capture), source.take, source.metadata, kind="capture"
     )
     blocks, notes = chain.digitize(
-        str(archive), recording, settings_of(capture),
+        str(archive), recording, settings,
         run=lambda function, **given: function(**given),
         tell=lambda _stage, _end: None,
     )  # fmt: skip
@@ -65,7 +67,7 @@ def settings_of(capture: Path) -> Settings:
 def measure(folder: Path, data: Path, name: str) -> tuple[str, list[str]]:
     """Return a line of the table for a scene, and what was noted."""
     capture = make_scene(folder / "scenes", data, name)
-    voxels, blocks, notes = digitize(capture, folder / "archives" / name)
+    voxels, blocks, notes = digitize(capture, folder / "archives" / name, settings_of(capture))
     if "joint_tracks" not in blocks:
         return f"| {name} | no pose |", notes
 

@@ -12,6 +12,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -28,6 +29,7 @@ from storage.formats.capture.capture import Capture, read_capture
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
+from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.checks.agreement import AgreementSettings, check_take
 from tasks.checks.examination import examine_capture
 from tasks.reconstruction.silhouettes import SilhouetteSettings
@@ -173,9 +175,9 @@ def measure(folder: Path, data: Path, trouble: str) -> tuple[str, list[str]]:
         truth["joints"] = truth["joints"][list(made(capture, into))]
         capture = into
     told, verdict = [], "BAD"
+    settings = replace(settings_of(capture), provisional_labeling=ProvisionalSettings(keep=False))
 
     def asked(_: Path) -> tuple[SilhouetteSettings, AgreementSettings]:
-        settings = settings_of(capture)
         return settings.silhouettes, settings.agreement
 
     try:
@@ -195,7 +197,7 @@ def measure(folder: Path, data: Path, trouble: str) -> tuple[str, list[str]]:
             return []
 
     with patch.object(chain, "check_take", check):
-        voxels, blocks, notes = digitize(capture, folder / "archives" / capture.name)
+        voxels, blocks, notes = digitize(capture, folder / "archives" / capture.name, settings)
     told += [f"ingestion: {each}" for each in (*refused, *notes)]
     own = "refuses" if refused else "takes"
     if "joint_tracks" not in blocks:

@@ -5,6 +5,7 @@ little of itself as a fan from a hand. Where such a thing was seen, what else is
 a thin neck above the floor is it, too: the hull of a fan that few cameras see edgewise is thick.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cc3d
@@ -17,6 +18,9 @@ from tasks.geometry.voxels import VoxelGrid, VoxelRuns, padded_crop, voxel_index
 _THICK_M = 0.05
 """How thick a rod or a sheet is at most, and a body at least [m]. The blade of a sword is 3 cm in a
 hull; the wrists of children are thinner than this, and shorter than a rod."""
+
+_FINE_M = 0.02
+"""How large voxels are at most by which a thing is told [m]. Of larger ones arms are thin, too."""
 
 _WIDE_M = 0.05
 """How wide a rod is at most, as a strip that is as wide everywhere [m]. Of a sword .03 to .04, of
@@ -57,10 +61,20 @@ _FLOOR_M = 0.15
 Marks = NDArray[np.uint8]
 
 
-def find_held(
-    hull: VoxelRuns, grid: VoxelGrid, *, known: bool = False
-) -> tuple[NDArray[np.bool_], bool]:
-    """Return which voxels of a frame are of something held, and whether it is surely that.
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What is held in a frame."""
+
+    is_held: NDArray[np.bool_]
+    """(voxel,) which voxels are of it."""
+    is_clear: bool = False
+    """Whether it is surely something held."""
+    hides_hand: bool = False
+    """Whether it is flat or thick where it may be held, so that the hand is a guess."""
+
+
+def find_held(hull: VoxelRuns, grid: VoxelGrid, *, known: bool = False) -> Held:
+    """Return what is held in a frame.
 
     Parameters
     ----------
@@ -70,43 +84,43 @@ def find_held(
         Its grid.
     known
         Whether something is held in the take. If not, only what is surely held is returned.
-
-    Returns
-    -------
-    is_held : (voxel,) bool
-    is_clear : bool
     """
+    if grid.voxel_m > _FINE_M:
+        return Held(np.zeros(int(hull.length.sum()), np.bool_))
     steps = max(1, round(_THICK_M / 2.0 / grid.voxel_m))
     crop, begin = padded_crop(hull, 0, margin=2 * steps + 1)
     index = voxel_index(hull, 0)
-    nothing = np.zeros(len(index), np.bool_)
+    nothing = Held(np.zeros(len(index), np.bool_))
     thick = _opened(crop, steps)
     thin = crop & ~_grown(thick, steps)
     least_m = _LEAST_M if known else _SHEET_M
     piece, found = _long_pieces(thin, least_m / grid.voxel_m)
     if not (len(found) or known) or not thick.any():
-        return nothing, False
+        return nothing
     of: Any = cc3d.connected_components(thick, connectivity=26)
     size = np.bincount(of.ravel())
     size[0] = 0
     body = (of == size.argmax()).view(np.uint8)
     beside = _grown(body, steps + 1)
-    held, is_clear = np.zeros_like(crop), False
+    held, flat, is_clear = np.zeros_like(crop), np.zeros_like(crop), False
     for number, box in found:
         own = np.argwhere(piece[box] == number) + [s.start for s in box]
-        is_thing, clear = _judge_thin(own, beside[tuple(own.T)] > 0, grid.voxel_m)
-        held[tuple(own[is_thing].T)] = 1
+        is_thing, clear, is_flat = _judge_thin(own, beside[tuple(own.T)] > 0, grid.voxel_m)
+        (flat if is_flat else held)[tuple(own[is_thing].T)] = 1
         is_clear |= clear
-    if held.any():
-        carried = _carried(crop, held, body)
+    if held.any() or flat.any():
+        carried = _carried(crop, held | flat, body)
         is_clear |= _is_heavy(carried > 0, crop, grid.voxel_m)
         held |= carried
     if known:
         hanging = _hanging(crop, body, beside, steps, grid.voxel_m)
-        held |= hanging & _grown(hanging & thick, 2 * steps)  # the neck is a hand
+        flat |= hanging & _grown(hanging & thick, 2 * steps)  # the neck is a hand
     elif not is_clear:
-        return nothing, False
-    return held[tuple((index - begin).T)] > 0, is_clear
+        return nothing
+    held |= flat
+    at_hand = KDTree(np.argwhere(body)[::10]).query(np.argwhere(flat)[::10])[0] * grid.voxel_m
+    hides_hand = bool((at_hand < _HAND_M).any())
+    return Held(held[tuple((index - begin).T)] > 0, is_clear, hides_hand)
 
 
 def _long_pieces(marks: Marks, least: float) -> tuple[Any, list[tuple[int, Any]]]:
@@ -124,24 +138,24 @@ def _long_pieces(marks: Marks, least: float) -> tuple[Any, list[tuple[int, Any]]
 
 def _judge_thin(
     own: NDArray[np.int64], touches: NDArray[np.bool_], voxel_m: float
-) -> tuple[NDArray[np.bool_], bool]:
-    """Return which voxels (voxel, 3) of a thin piece are of a thing, and whether that is clear."""
+) -> tuple[NDArray[np.bool_], bool, bool]:
+    """Return which voxels (voxel, 3) of a thin piece are of a thing; whether clear, and flat."""
     nothing = np.zeros(len(own), np.bool_)
     length_m, width_m, _ = _sides(own, voxel_m)
     area_m2 = len(own) * voxel_m**3 / _WIDE_M
     if width_m > _WIDE_M and length_m > _SHEET_M and _is_neck(own[touches], len(own), voxel_m):
-        return ~nothing, area_m2 > _SHEET_M2
+        return ~nothing, area_m2 > _SHEET_M2, True
     far = ~nothing
     if touches.any():
         far = KDTree(own[touches]).query(own)[0] * voxel_m > _HAND_M
     if far.sum() < 3:
-        return nothing, False
+        return nothing, False, False
     length_m, width_m, axis = _sides(own[far], voxel_m)
     if length_m < _LEAST_M or width_m > _WIDE_M:
-        return nothing, False
+        return nothing, False, False
     away = own - own[far].mean(axis=0)
     off = np.linalg.norm(away - np.outer(away @ axis, axis), axis=1) * voxel_m
-    return far | (off < _WIDE_M / 2.0), length_m > _CLEAR_M
+    return far | (off < _WIDE_M / 2.0), length_m > _CLEAR_M, False
 
 
 def _sides(own: NDArray[np.int64], voxel_m: float) -> tuple[float, float, NDArray[np.float64]]:

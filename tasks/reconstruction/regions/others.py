@@ -139,7 +139,7 @@ def find_others(
         for frame, (each, numbers) in enumerate(zip(bodies, order, strict=True))
     ]
     x, z = middle[0, own]
-    far = "" if given else "; is it the other, place its joints in initial.json"
+    far = "" if given else " (if it is the other, place its joints in initial.json)"
     return join_runs(rest), (
         "Two bodies move in the volume, apart in all frames: the performer is taken to be "
         f"{why}, at x = {x:.2f}, z = {z:.2f} m in the first frame{far}. The other one's voxels "

@@ -39,10 +39,10 @@ def umbrella():
 
 def found(occupied, *, known=False):
     """Return (x, y, z) what is held, and whether that is clear."""
-    is_held, clear = find_held(encode_runs(occupied[None]), GRID, known=known)
+    held = find_held(encode_runs(occupied[None]), GRID, known=known)
     marks = np.zeros(GRID.shape, bool)
-    marks[occupied] = is_held
-    return marks, clear
+    marks[occupied] = held.is_held
+    return marks, held.is_clear
 
 
 @pytest.mark.parametrize(
@@ -106,6 +106,13 @@ def test_an_empty_frame_holds_nothing(known):
     assert not clear
 
 
+def test_large_voxels_tell_no_thing_from_an_arm():
+    coarse = VoxelGrid(GRID.origin_m, 0.03, GRID.shape)
+    held = find_held(encode_runs((body() | rod(40))[None]), coarse)
+    assert not held.is_held.any()
+    assert not held.is_clear
+
+
 def take(swords):
     """Return hulls of twenty frames, a sword in some of them."""
     whole = [body() | rod(40) if n in swords else body() for n in range(20)]
@@ -114,10 +121,11 @@ def take(swords):
 
 def test_a_thing_that_is_seen_in_some_frames_is_found_in_each_of_them():
     hulls = take(range(4, 16))
-    held, notes = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
+    held, hidden, notes = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
     assert held is not None
-    one, _ = find_held(take_frame(hulls, 4), GRID, known=True)
-    wanted = voxel_numbers(take_frame(hulls, 4))[one]
+    assert not hidden.any()
+    one = find_held(take_frame(hulls, 4), GRID, known=True)
+    wanted = voxel_numbers(take_frame(hulls, 4))[one.is_held]
     for frame in range(20):
         own = voxel_numbers(take_frame(held, frame))
         np.testing.assert_array_equal(own, wanted if 4 <= frame < 16 else [])
@@ -127,4 +135,18 @@ def test_a_thing_that_is_seen_in_some_frames_is_found_in_each_of_them():
 
 def test_what_is_seen_in_two_frames_may_be_noise():
     hulls = take((3, 9))
-    assert find_held_things(lambda n: take_frame(hulls, n), 20, GRID) == (None, ())
+    held, hidden, notes = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
+    assert held is None
+    assert not hidden.any()
+    assert notes == ()
+
+
+@pytest.mark.parametrize(
+    ("thing", "hides"), [(rod(40), False), (fan(), True), (umbrella(), False)],
+    ids=["sword", "fan", "umbrella"],
+)  # fmt: skip
+def test_a_fan_hides_the_hand_that_holds_it_and_a_stick_does_not(thing, hides):
+    hulls = encode_runs(np.repeat((body() | thing)[None], 20, axis=0))
+    _, hidden, [note] = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
+    assert hidden.all() if hides else not hidden.any()
+    assert ("In 20 of them the hand that holds it is a guess" in note) is hides

@@ -1,9 +1,15 @@
 """Another body that moves in the volume, in hulls of boxes."""
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from storage import create_archive
+from storage.blocks import read_block, write_block
 from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_index, voxel_numbers
+from tasks.reconstruction import still_things
 from tasks.reconstruction.regions.others import find_others
 
 GRID = VoxelGrid((-1.0, 0.0, -0.7), 0.05, (41, 36, 29))
@@ -19,7 +25,8 @@ def walker(x, z):
 
 
 T = np.arange(FRAMES)
-MIDDLE, ASIDE = walker(17 - T // 6, 12 + T // 4), walker(30 + T // 4, 3 + T)
+MIDDLE = walker(13 + np.abs(7 - 3 * T % 14), 12 + T // 4)
+ASIDE = walker(30 + T // 4, 3 + T)
 
 
 def others(occupied, given=None):
@@ -37,7 +44,7 @@ def marks_of(runs):
 def test_of_two_who_are_always_apart_the_one_in_the_middle_stays():
     found, [said] = others(MIDDLE | ASIDE)
     np.testing.assert_array_equal(marks_of(found), ASIDE)
-    assert "nearer to the middle of the volume, at x = -0.0" in said
+    assert "nearer to the middle of the volume, at x = 0.13, z = 0.00 m" in said
 
 
 def test_the_one_with_the_joints_that_were_placed_stays():
@@ -107,3 +114,26 @@ def test_numbers_of_voxels_are_those_of_the_hull():
         own = voxel_numbers(take_frame(found, t))
         assert np.isin(own, voxel_numbers(take_frame(hulls, t))).all()
         assert len(own) == 6 * 32 * 5
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_the_stage_writes_the_other_or_that_there_are_two(tmp_path, monkeypatch, apart):
+    near = ASIDE.copy()
+    if not apart:
+        near[4] = walker(np.full(FRAMES, 22), np.full(FRAMES, 12))[4]
+    archive = create_archive(tmp_path / "archive")
+    monkeypatch.setattr(still_things, "capture_of", lambda *_: SimpleNamespace(initial=None))
+    monkeypatch.setattr(still_things, "grid_of", lambda _: GRID)
+    runs = encode_runs(MIDDLE | near)
+    arrays = {"start": runs.start, "length": runs.length, "offset": runs.offset}
+    hull = write_block(archive.place, "work/h", (0, FRAMES), arrays, time.monotonic()).block
+    made = still_things.find_still_take(str(tmp_path / "archive"), "", "", [hull], "work/s")
+    wrote = read_block(archive.place, made.block)
+    assert len(made.notes) == 1
+    assert wrote["unexplained"].tolist() == [not apart] * FRAMES
+    assert ("moving_start" in wrote) is apart
+    if apart:
+        other = encode_runs(ASIDE)
+        np.testing.assert_array_equal(wrote["moving_start"], other.start)
+        np.testing.assert_array_equal(wrote["moving_length"], other.length)
+        np.testing.assert_array_equal(wrote["moving_offset"], other.offset)

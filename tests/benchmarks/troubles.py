@@ -91,6 +91,7 @@ def masks(change: Callable[[NDArray[np.uint8]], NDArray[Any]]) -> Copy:
         shutil.copytree(capture, into)
         shutil.rmtree(into / "background")
         for c, camera in enumerate(source.cameras):
+            (into / "silhouettes" / camera.name).mkdir(parents=True)
             for frame, mask in enumerate(bits[:, c]):
                 white = np.repeat(255 * np.asarray(change(mask), np.uint8)[..., None], 3, axis=-1)
                 write_png(into / "silhouettes" / camera.name / f"{frame:04}.png", white)

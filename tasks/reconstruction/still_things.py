@@ -16,6 +16,7 @@ from typing import Any
 import cc3d
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from storage import open_archive
 from storage.blocks import Block, Written, write_block
@@ -74,6 +75,10 @@ is nothing a frame takes 30 ms; chosen, not measured."""
 _LEAST_CLEAR = 3
 """In how many of these frames at least something is surely held, where it is [frames]. Chosen, not
 measured."""
+
+_RIM_M = 0.06
+"""How far around what stands still nothing is held [m]. Its silhouettes flicker, and where the
+performer hides it from a camera it is larger. Chosen, not measured."""
 
 _PERFORMER_M3 = 0.006
 """How large a piece is at least that may be the performer [m³]. As for `doctor`."""
@@ -246,7 +251,18 @@ def find_still_take(
         hull = without_still(frame)
         return hull if others is None else leave_out(hull, ~_is_of(hull, others, frame))
 
-    held, hidden, said = find_held_things(without_others, count, grid)
+    near = None
+    if still is not None:  # the rim of what stands flickers, and is no rod
+        around = ndimage.binary_dilation(
+            still.reshape(grid.shape), iterations=max(1, round(_RIM_M / grid.voxel_m))
+        )
+        near = around.ravel()
+
+    def without_rims(frame: int) -> VoxelRuns:
+        hull = without_others(frame)
+        return hull if near is None else leave_out(hull, ~near[voxel_numbers(hull)])
+
+    held, hidden, said = find_held_things(without_rims, count, grid)
     arrays["unexplained"] = hidden | two
     moving = [each for each in (others, held) if each is not None]
     if moving:

@@ -1,9 +1,15 @@
 """What is held, in hulls of boxes: told from arms, sleeves and legs."""
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from storage import create_archive
+from storage.blocks import read_block, write_block
 from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_numbers
+from tasks.reconstruction import still_things
 from tasks.reconstruction.regions.held import find_held
 from tasks.reconstruction.still_things import find_held_things
 
@@ -150,3 +156,18 @@ def test_a_fan_hides_the_hand_that_holds_it_and_a_stick_does_not(thing, hides):
     _, hidden, [note] = find_held_things(lambda n: take_frame(hulls, n), 20, GRID)
     assert hidden.all() if hides else not hidden.any()
     assert ("In 20 of them the hand that holds it is a guess" in note) is hides
+
+
+def test_the_rim_of_a_chair_that_flickers_is_not_held(tmp_path, monkeypatch):
+    whole = np.stack([np.roll(body(), t, axis=0) for t in range(20)])
+    whole[:, 2:14, 0:40, 2:14] = True
+    whole[::3, 14, 0:40, 8] = whole[1::3, 14, 0:40, 8] = True
+    archive = create_archive(tmp_path / "archive")
+    monkeypatch.setattr(still_things, "capture_of", lambda *_: SimpleNamespace(initial=None))
+    monkeypatch.setattr(still_things, "grid_of", lambda _: GRID)
+    runs = encode_runs(whole)
+    arrays = {"start": runs.start, "length": runs.length, "offset": runs.offset}
+    hull = write_block(archive.place, "work/h", (0, 20), arrays, time.monotonic()).block
+    made = still_things.find_still_take(str(tmp_path / "archive"), "", "", [hull], "work/s")
+    assert ["stands still" in note for note in made.notes] == [True]
+    assert "moving_start" not in read_block(archive.place, made.block)

@@ -6,6 +6,7 @@ At the end nothing is missing, doubled or left over, and `verify` finds no fault
 """
 
 import argparse
+import math
 import os
 import random
 import shutil
@@ -35,7 +36,7 @@ ROOT = Path(__file__).parent.parent.parent
 HANGING_S = 3600.0
 """After so long without a new take it hangs [s]. Chosen: far above the longest pause."""
 SETTLE_S = 2.0
-PAUSES_S = (5.0, 60.0)
+PAUSES_S = (5.0, 40.0)
 """Between two kills [s]. Chosen: from before a server has started to when all works."""
 KINDS = ("prefect.engine", "worker start", "server start")
 
@@ -67,12 +68,14 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
     begin, kills = time.perf_counter(), Counter[str]()
     try:
         waiting = drops(folder, options)
-        last, seen, pause_s = time.monotonic(), 0, PAUSES_S[1]
+        last, seen, pause_s = time.monotonic(), 0, 0.0
         while True:
-            for _ in range(max(1, options.takes // 20)):
-                next(waiting, None)
-            if sum(kills.values()) < options.kills and time.monotonic() - last > pause_s:
-                kills.update(kill_one(folder, draw))
+            if time.monotonic() - last > pause_s:
+                # spread over the kills, so that each meets work
+                for _ in range(math.ceil(len(wanted) / max(1, options.kills))):
+                    next(waiting, None)
+                if sum(kills.values()) < options.kills and seen:
+                    kills.update(kill_one(folder, draw))
                 last, pause_s = time.monotonic(), draw.uniform(*PAUSES_S)
             there = open_archive(archive).takes() if (archive / "archive.json").exists() else []
             if len(there) != seen:
@@ -116,9 +119,12 @@ def drops(folder: Path, options: argparse.Namespace) -> Iterator[None]:
     inbox = folder / "inbox"
     for number in range(options.captures):
         write_capture(folder / "films" / f"capture{number}", number)
-        shutil.copytree(folder / "films" / f"capture{number}", inbox / f"capture{number}")
-        yield
+    captures = iter(range(options.captures))
+    apart = math.ceil(options.takes / max(1, options.captures))
     for number in range(options.takes):
+        if number % apart == 0 and (capture := next(captures, None)) is not None:
+            shutil.copytree(folder / "films" / f"capture{capture}", inbox / f"capture{capture}")
+            yield
         write_trc(inbox / f"walk{number:04}.trc", swaying_body(number, 90), JOINTS, 30.0)
         yield
 
@@ -133,12 +139,15 @@ def write_capture(folder: Path, seed: int) -> None:
 
 
 def kill_one(folder: Path, draw: random.Random) -> list[str]:
-    """Kill a process at random, of a kind at random; return its kind."""
-    kind = draw.choice(KINDS)
-    processes = [process for process, said in ours(folder).items() if kind in said]
-    if not processes:
+    """Kill a process at random, of a kind at random that there is; return its kind."""
+    running = ours(folder)
+    there = [kind for kind in KINDS if any(kind in said for said in running.values())]
+    if not there:
         return []
-    os.kill(draw.choice(processes), signal.SIGKILL)
+    kind = draw.choice(there)
+    os.kill(
+        draw.choice([number for number, said in running.items() if kind in said]), signal.SIGKILL
+    )
     return [kind]
 
 

@@ -161,7 +161,7 @@ def test_a_fan_hides_the_hand_that_holds_it_and_a_stick_does_not(thing, hides):
 def test_the_rim_of_a_chair_that_flickers_is_not_held(tmp_path, monkeypatch):
     whole = np.stack([np.roll(body(), t, axis=0) for t in range(20)])
     whole[:, 2:14, 0:40, 2:14] = True
-    whole[::3, 14, 0:40, 8] = whole[1::3, 14, 0:40, 8] = True
+    whole[::4, 14, 0:40, 8] = True
     archive = create_archive(tmp_path / "archive")
     monkeypatch.setattr(still_things, "capture_of", lambda *_: SimpleNamespace(initial=None))
     monkeypatch.setattr(still_things, "grid_of", lambda _: GRID)

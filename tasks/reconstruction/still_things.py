@@ -251,9 +251,9 @@ def find_still_take(
         hull = without_still(frame)
         return hull if others is None else leave_out(hull, ~_is_of(hull, others, frame))
 
-    near = None
+    near: NDArray[np.bool_] | None = None
     if still is not None:  # the rim of what stands flickers, and is no rod
-        around = ndimage.binary_dilation(
+        around: Any = ndimage.binary_dilation(
             still.reshape(grid.shape), iterations=max(1, round(_RIM_M / grid.voxel_m))
         )
         near = around.ravel()

@@ -25,6 +25,7 @@ from tasks.body.initial.legs import (
     measure_depths,
     measure_leg,
 )
+from tasks.body.initial.raised import find_raised_foot
 from tasks.body.initial.trunk import Trunk, lift_hips, measure_trunk
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
@@ -90,6 +91,8 @@ def find_joints(
         notes.append("The hull has lost the hands: elbows to finger tips are a guess.")
     trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
     feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
+    if len(feet) < 2 and colored is not None:
+        feet = _with_raised(feet[0], point, colored, arms, trunk, grid.voxel_m)
     trunk = lift_hips(trunk, find_fork(cells, point, feet))
     vote, told_by = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
     if vote < 0:
@@ -118,6 +121,16 @@ def find_joints(
         notes.append(f"Only {inside:.0%} of the bones lie inside the hull: look at the picture.")
     sure = min(1.0, 2.0 * abs(vote)) * inside**2
     return joints, sure, notes
+
+
+def _with_raised(
+    foot: Points, point: Points, colored: tuple[Points, NDArray[np.uint8]], arms: Arms,
+    trunk: Trunk, voxel_m: float,
+) -> list[Points]:  # fmt: skip
+    """Return a foot, and another one off the floor if there is one, against and along `left`."""
+    other = find_raised_foot(point, foot, colored, trunk.stature_m, voxel_m)
+    feet = [foot] if other is None else [foot, other]
+    return sorted(feet, key=lambda each: float(np.median(each @ arms.left)))
 
 
 def _place_legs(feet: list[Points], arms: Arms, trunk: Trunk, depths: Depths) -> dict[str, Points]:

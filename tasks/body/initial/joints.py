@@ -96,9 +96,10 @@ def find_joints(
         notes.append("The hull has lost the hands: elbows to finger tips are a guess.")
     trunk = measure_trunk(point, arms, grid.voxel_m, stature_m)
     feet = find_feet(point, arms.left, trunk.hips, trunk.stature_m, grid.voxel_m)
-    is_raised = len(feet) < 2 and colored is not None
-    if is_raised:
+    is_raised = False
+    if len(feet) < 2 and colored is not None:
         feet = _with_raised(feet[0], point, colored, arms, trunk, grid.voxel_m)
+        is_raised = len(feet) == 2
     trunk = lift_hips(trunk, find_fork(cells, point, feet))
     vote, told_by = vote_facing(point, arms, trunk, feet, *(colored or (None, None)))
     if vote < 0:

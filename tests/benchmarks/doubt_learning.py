@@ -33,9 +33,10 @@ for _side in "RL":
 
 _ASKED = {
     "Arm": "apart exchangeable hardly_told together in_trunk handless strange_lower strange_end "
-    "end_turned outside without_end jerking moving",
+    "end_turned outside without_end jerking moving few_lower unlike_lower unlike_end",
     "Leg": "apart exchangeable hardly_told together crossed far odd_foot foot_aside foot_back "
-    "strange_lower strange_end beside_end few_at_end without_end outside end_turned",
+    "strange_lower strange_end beside_end few_at_end without_end outside end_turned few_lower "
+    "unlike_lower unlike_end",
 }
 """The evidence that is asked of arms and of legs."""
 

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from storage.schema import JOINTS
 from tasks.body.anatomy.bones import BONES, PARENT, place_bones
 from tasks.body.blobs.model import middles
+from tasks.body.doubt.colors import tell_unlike
 from tasks.body.doubt.voxels import VoxelReport, report_voxels
 from tasks.body.extremities.candidates import Candidates
 from tasks.body.poses.joint import FittedPoses
 from tasks.body.poses.limbs import LIMBS
+from tasks.body.poses.passes import Fitting
 from tasks.engine.threads import side_by_side
 from tasks.geometry.voxels import voxel_centers
 
@@ -119,6 +121,7 @@ def gather_evidence(fitted: FittedPoses, candidates: Sequence[Candidates]) -> Ev
     found = _of_passes(fitted)
     found |= _of_exchange(account.exchange_gains)
     found |= _of_reports(reports)
+    found |= _of_colors(reports, account.take)
     outside = found.pop("outside_m") / stature - _IN_VOXELS
     found["outside"] = 20.0 * np.clip(outside, 0.0, _MOST_OUTSIDE)
     found |= _of_anatomy(laid)
@@ -239,7 +242,7 @@ def _of_reports(reports: Sequence[VoxelReport | None]) -> Evidence:
     """Return what the voxels leave unexplained about each limb; 0 in frames without voxels."""
     bones, limbs = len(BONES), len(LIMBS)
     none = np.zeros(bones)
-    empty = VoxelReport(none, none, none, none, np.zeros(2 * 3 * limbs))
+    empty = VoxelReport(none, none, none, none, np.zeros(2 * 3 * limbs), np.zeros(0, np.int8))
     told = [each or empty for each in reports]
 
     def of(name: str) -> Floats:
@@ -248,14 +251,22 @@ def _of_reports(reports: Sequence[VoxelReport | None]) -> Evidence:
     ends, lowers = [limb.end for limb in LIMBS], [limb.lower for limb in LIMBS]
     own, strange, far = of("own"), of("strangeness"), of("far")
     usual = np.maximum(np.median(own, axis=0), 1.0)
+    few = np.clip(1.0 - own / usual, 0.0, 1.0)
     return {
-        "few_at_end": np.clip(1.0 - own / usual, 0.0, 1.0)[:, ends],
+        "few_at_end": few[:, ends],
+        "few_lower": few[:, lowers],
         "strange_lower": strange[:, lowers],
         "strange_end": strange[:, ends],
         "far": 20.0 * np.stack([far[:, limb.bones].sum(axis=1) for limb in LIMBS], axis=1),
         "beside_end": of("beside")[:, ends],
         "outside_m": of("outside").reshape(len(told), 2, limbs, 3).max(axis=(1, 3)),
     }
+
+
+def _of_colors(reports: Sequence[VoxelReport | None], take: Fitting) -> Evidence:
+    """Return how unlike the colors of limbs are to what they wear in the rest of a take."""
+    bones = [np.zeros(0, np.int8) if each is None else each.bone for each in reports]
+    return tell_unlike(bones, [cell for _, cell in take.samples], take.rate_hz)
 
 
 def _handless(middle: Floats, candidates: Sequence[Candidates], stature_m: float) -> Floats:

@@ -38,10 +38,10 @@ class DoubtSettings:
         If a number is out of its range.
     """
 
-    doubtful: Share = 0.08
+    doubtful: Share = 0.06
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    captures left out of the learning it found 0.84 of the wrong frames, and 0.57 of the frames that
-    it named were wrong; 0.1 has 0.79 and 0.62, 0.15 has 0.75 and 0.69."""
+    captures left out of the learning it found 0.83 of the wrong frames, and 0.28 of the frames that
+    it named were wrong; 0.05 has 0.86 and 0.26, 0.08 has 0.73 and 0.30."""
 
     other_cause: Share = 0.25
     """How doubtful each segment is at least where the body was measured with little confidence,

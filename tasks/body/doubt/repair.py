@@ -96,12 +96,13 @@ def _exchange(
 ) -> Account | None:  # fmt: skip
     """Return the account with a pair exchanged in a stretch; None where that is no better."""
     first, last = stretch
-    fits = fit_exchanged(account.take, account.fits, pair, stretch)
-    if fits is None:
+    exchanged = fit_exchanged(account.take, account.fits, pair, stretch)
+    if exchanged is None:
         return None
+    take, fits = exchanged
     gain = np.mean([fit.likelihood for fit in fits])
     gain -= np.mean([fit.likelihood for fit in account.fits[first:last]])
-    other = replace(account, fits=(*account.fits[:first], *fits, *account.fits[last:]))
+    other = replace(account, take=take, fits=(*account.fits[:first], *fits, *account.fits[last:]))
     reach = round(_AROUND_S * account.take.rate_hz)
     around = max(0, first - reach), min(account.take.frames, last + reach)
     before, after = (

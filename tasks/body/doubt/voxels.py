@@ -63,6 +63,9 @@ class VoxelReport:
     outside: Floats
     """(point,) how far points of the body are from the nearest voxel, m."""
 
+    bone: NDArray[np.int8]
+    """(voxel,) the bone that each voxel looked at is of, -1 for none."""
+
 
 def report_voxels(
     points: Floats, cell: NDArray[np.integer], log_looks: NDArray[np.float32],
@@ -90,10 +93,11 @@ def report_voxels(
     bones = len(BONES)
     sums = np.zeros((bones, 6))
     outside = np.full(len(body_points), _NOWHERE)
+    bone = np.full(len(points), -1, np.int8)
     _sum_up(
         points, cell, log_looks, (*lines, middle, body_points),
         (OWN * stature_m, FAR * stature_m, AROUND * stature_m, BESIDE * stature_m),
-        (sums, outside),
+        (sums, outside, bone),
     )  # fmt: skip
     own, known, log_look, far, colored, beside = sums.T
     return VoxelReport(
@@ -102,6 +106,7 @@ def report_voxels(
         far=far / len(points),
         beside=beside / (colored + _FEW),
         outside=np.sqrt(outside),
+        bone=bone,
     )
 
 
@@ -112,11 +117,12 @@ def _sum_up(points: Any, cell: Any, looks: Any, body: Any, within: Any, sums: An
     body : begin and end of the bones' lines, their middles (bone, 3), and points (point, 3)
     within : own, far, around and beside, m
     sums : (bone, 6) own voxels, those of known color, their logarithms, far ones, those of its
-        color around, and those of them beside it; (point,) squared distances; both written
+        color around, and those of them beside it; (point,) squared distances; (voxel,) the bone
+        that each is of; all written
     """
     begin, end, middle, inside = body
     own, far, around, beside = within
-    table, outside = sums
+    table, outside, bone = sums
     squared = np.empty(len(begin))
     for n in range(len(points)):
         point, known = points[n], cell[n] >= 0
@@ -128,6 +134,7 @@ def _sum_up(points: Any, cell: Any, looks: Any, body: Any, within: Any, sums: An
                 table[k, 5] += squared[k] > beside * beside
         nearest = squared.argmin()
         if squared[nearest] < own * own:
+            bone[n] = nearest
             table[nearest, 0] += 1.0
             if known:
                 table[nearest, 1] += 1.0

@@ -44,6 +44,10 @@ LEAST_FACE = 0.5
 """Skin that such a place must have [as of the face]. Chosen by eye on the shared captures; not
 measured."""
 
+NEAR_AS_HAND = 0.6
+"""How much nearer an end a hand is than a face [logarithm of the ratio]. It is half as far from its
+finger tips as a face from the top of the head."""
+
 SURELY_AWAY = 2.0
 """How far from the face a lump surely is not the face itself [`at_face_within`]. Chosen by eye on
 the shared captures; not measured."""
@@ -108,6 +112,11 @@ class ExtremitySettings:
     usual_end: Positive = 0.22
     """How much the distance of a face from the top of the head may change [logarithm of the ratio
     to the first]. A neck is farther from it."""
+
+    like_hand: NotNegative = 1.0
+    """Cost of a frame (at 30 Hz) in which a face is as near an end of the surface as a hand is
+    [nats]. With less than 1 a hand raised before the forehead was taken for the face in one of 26
+    rendered captures, with 2 a face for a hand in another; in between nothing changed."""
 
     together: NotNegative = 2.0
     """Cost of a frame (at 30 Hz) in which both hands are one lump [nats]. As of one unseen, for one
@@ -285,7 +294,8 @@ def choose_extremities(
     start = initial_places(joints, stature_m) / stature_m
     pace = PACE_HZ / rate_hz
     spot = [c.face / stature_m for c in candidates]
-    price = [_face_cost(c, model, settings) * pace for c in candidates]
+    usual = _usual_end(candidates[initial_frame], start[0] * stature_m)
+    price = [_face_cost(c, usual, model, settings) * pace for c in candidates]
     face, face_weight, _ = best_paths(
         (spot, [np.empty((0, 3))] * len(spot)),
         (price, [np.empty(0)] * len(spot)),
@@ -337,9 +347,25 @@ def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) 
     return np.stack([face, *((a + b) / 2.0 for a, b in find_hands(joints, stature_m))])
 
 
-def _face_cost(candidates: Candidates, model: SkinModel, settings: ExtremitySettings) -> Floats:
+def _face_cost(
+    candidates: Candidates, usual: float, model: SkinModel, settings: ExtremitySettings
+) -> Floats:
     """Return (face candidate,) what each place costs the face."""
-    return model.face_separability * _lacking(candidates.face_skin, settings)
+    nearer = np.log(max(usual, 1e-9)) - np.log(np.maximum(candidates.face_end, 1e-9))
+    like_hand = (nearer - settings.usual_end) / (NEAR_AS_HAND - settings.usual_end)
+    lacking = _lacking(candidates.face_skin, settings)
+    return model.face_separability * (lacking + settings.like_hand * np.clip(like_hand, 0.0, 1.0))
+
+
+def _usual_end(candidates: Candidates, face: Floats) -> float:
+    """Return how far the face of the initial frame is from an end of the surface, statures.
+
+    0 where there is none, so that nothing is nearer.
+    """
+    if not len(candidates.face):
+        return 0.0
+    usual = candidates.face_end[_nearest_to(candidates.face, face)]
+    return float(usual) if np.isfinite(usual) else 0.0
 
 
 def _above_necks(

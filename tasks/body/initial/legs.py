@@ -101,6 +101,8 @@ class Leg:
     cost: float
     """How badly the knee fits lengths and hull, and the foot its side; a usual leg costs 0.1 to
     3."""
+    knee_cost: float
+    """How badly the knee fits lengths and hull alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +215,9 @@ def measure_leg(
     out = np.degrees(np.arctan2(-along @ inward, along @ front))
     bends = np.radians(out - TOE_OUT)
     ahead = np.cos(bends) * front - np.sin(bends) * inward
-    knee, cost = _find_knee(hip, ankle, ahead, depths, stature_m)
-    cost += ((out - TURNED_OUT) / TURNED_OUT_SPREAD) ** 2
-    return Leg(hip, knee, ankle, heel, toe, float(cost))
+    knee, bent = _find_knee(hip, ankle, ahead, depths, stature_m)
+    turned = ((out - TURNED_OUT) / TURNED_OUT_SPREAD) ** 2
+    return Leg(hip, knee, ankle, heel, toe, float(bent + turned), bent)
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:

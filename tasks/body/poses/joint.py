@@ -41,6 +41,7 @@ from tasks.body.poses.passes import (
     settle_centers,
 )
 from tasks.body.poses.sides import tell_sides
+from tasks.body.poses.worn import exchange_by_colors
 from tasks.engine.progress import within
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_index
 
@@ -240,7 +241,8 @@ def fit_in_passes(
     with within(done[4], done[5]):
         fits = _settle_in_rounds(take, merged)
     with within(done[5], 1.0):
-        fits, unsure, gains = tell_sides(take, fits)
+        take, fits, unsure, gains = tell_sides(take, fits)
+        take, fits, gains = exchange_by_colors(take, fits, gains, frame)
         fits = turn_feet(take, fits)
     return Account(take, (tuple(first), tuple(again)), tuple(fits), gains), unsure
 

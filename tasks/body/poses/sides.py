@@ -50,7 +50,9 @@ keep them crossed."""
 Limbs = tuple[Limb, ...]
 
 
-def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[np.bool_], Floats]:
+def tell_sides(
+    take: Fitting, fits: Sequence[Fit]
+) -> tuple[Fitting, list[Fit], NDArray[np.bool_], Floats]:
     """Return the fits with right and left limbs exchanged where this explains the voxels better.
 
     Parameters
@@ -62,6 +64,8 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
 
     Returns
     -------
+    take
+        As given, with the cues of hands and feet exchanged where the limbs were.
     fits : list of Fit
     unsure : (time, 2) bool
         True where right and left hand, or right and left foot, could be exchanged.
@@ -72,7 +76,7 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
     kept = list(fits)
     unsure = np.zeros((len(kept), len(_PAIRS)), bool)
     gains = np.full(unsure.shape, np.nan)
-    for pair, (limbs, _) in enumerate(_PAIRS):
+    for pair, (limbs, cues) in enumerate(_PAIRS):
         at = np.stack([middles(take.model, fit.pose) for fit in kept])
         ends = at[:, [limb.end for limb in limbs]]
         stretches = _stretches(take, ends)
@@ -90,7 +94,8 @@ def tell_sides(take: Fitting, fits: Sequence[Fit]) -> tuple[list[Fit], NDArray[n
                 unsure[first:last, pair] = gain < take.settings.side_margin
             if other is not None and exchanged:
                 kept[slice(*whole)] = other
-    return kept, unsure, gains
+                take = _with_cues_exchanged(take, cues, whole)
+    return take, kept, unsure, gains
 
 
 def _try(
@@ -110,7 +115,7 @@ def _try(
     if gain < -take.settings.side_margin - less:
         return gain, None
     other = _fit_between(take, tried, (first, last), cues)
-    swapped = _with_cues_exchanged(take, cues)
+    swapped = _with_cues_exchanged(take, cues, whole)
     before = follow(swapped, range(first - 1, whole[0] - 1, -1), other[0].pose)[::-1]
     after = follow(swapped, range(last, whole[1]), other[-1].pose)
     return _gain(fits[first:last], dict(enumerate(other))), [*before, *other, *after]
@@ -157,8 +162,10 @@ def _crossed(take: Fitting, fits: Sequence[Fit], ends: Floats) -> float:
 
 def fit_exchanged(
     take: Fitting, fits: Sequence[Fit], pair: int, stretch: Stretch
-) -> list[Fit] | None:
+) -> tuple[Fitting, list[Fit]] | None:
     """Return the fits of a stretch with the limbs of a pair exchanged; None if nobody is there.
+
+    With them comes the take, the cues of the pair exchanged in the stretch as well.
 
     Parameters
     ----------
@@ -178,17 +185,17 @@ def fit_exchanged(
     if not tried:
         return None
     found = _fit_between(take, tried, stretch, cues)
-    crossed = _with_cues_exchanged(take.part(*stretch), cues)
+    crossed = _with_cues_exchanged(take, cues, stretch)
     for _ in range(take.settings.settle_rounds - 1):
-        found = settle(crossed, [fit.pose for fit in found])
-    return found
+        found = settle(crossed.part(*stretch), [fit.pose for fit in found])
+    return crossed, found
 
 
 def _fit_between(
     take: Fitting, tried: dict[int, Fit], stretch: Stretch, cues: tuple[int, int]
 ) -> list[Fit]:
     """Return the fits of a stretch from fits of its frames in which a pair is exchanged."""
-    crossed = _with_cues_exchanged(take.part(*stretch), cues)
+    crossed = _with_cues_exchanged(take, cues, stretch).part(*stretch)
     frames = range(crossed.frames)
     there = follow(crossed, frames, tried[min(tried)].pose)
     back = follow(crossed, frames[::-1], tried[max(tried)].pose)[::-1]
@@ -232,12 +239,12 @@ def _gain(fits: Sequence[Fit], others: dict[int, Fit]) -> float:
     return float(np.mean(gains)) if gains else -np.inf
 
 
-def _with_cues_exchanged(take: Fitting, pair: tuple[int, int]) -> Fitting:
-    """Return the take with the cues of a pair exchanged."""
-    changed = {}
+def _with_cues_exchanged(take: Fitting, pair: tuple[int, int], stretch: Stretch) -> Fitting:
+    """Return the take with the cues of a pair exchanged in a stretch."""
+    changed, own = {}, slice(*stretch)
     for name in ("cues", "cue_weights"):
         table = getattr(take, name)
         if table is not None:
             changed[name] = table.copy()
-            changed[name][:, pair] = table[:, pair[::-1]]
+            changed[name][own, pair] = table[own, pair[::-1]]
     return replace(take, **changed)

@@ -32,9 +32,9 @@ def doubted(right, monkeypatch):
     fitted, seen = right
     tried, told = [], SimpleNamespace(likelihood=1.0, after=0.2)
 
-    def exchange(_take, fits, pair, stretch):
+    def exchange(take, fits, pair, stretch):
         tried.append((pair, stretch))
-        return [turned(fit, told.likelihood) for fit in fits[slice(*stretch)]]
+        return take, [turned(fit, told.likelihood) for fit in fits[slice(*stretch)]]
 
     def doubt(evidence, _rate_hz):
         frames = len(evidence["apart"])

@@ -69,7 +69,7 @@ def exchanged(take):
 
 def test_exchanged_hands_are_told_by_their_arms(crossed):
     take, _, wrong, hands = crossed
-    found, unsure, gains = tell_sides(exchanged(take), wrong)
+    _, found, unsure, gains = tell_sides(exchanged(take), wrong)
     assert away(take, wrong, hands)[3:].min() > 0.1
     assert away(take, found, hands)[3:].max() < 0.06
     assert not unsure.any()
@@ -78,7 +78,7 @@ def test_exchanged_hands_are_told_by_their_arms(crossed):
 
 def test_hands_that_are_right_stay(crossed):
     take, right, _, _ = crossed
-    found, unsure, _gains = tell_sides(take, right)
+    _, found, unsure, _gains = tell_sides(take, right)
     assert all(a is b for a, b in zip(found, right, strict=True))
     assert not unsure.any()
 
@@ -87,7 +87,7 @@ def test_what_could_be_either_is_unsure_and_stays(crossed):
     """With a margin that nothing exceeds, the exchange is tried in earnest and rejected."""
     take, right, _, hands = crossed
     wide = replace(take, settings=replace(take.settings, side_margin=9.0))
-    found, unsure, _gains = tell_sides(wide, right)
+    _, found, unsure, _gains = tell_sides(wide, right)
     assert away(take, found, hands).max() < 0.06
     assert unsure.all()
 
@@ -113,6 +113,6 @@ def test_a_long_stretch_is_looked_at_in_a_frame_a_second(crossed, monkeypatch):
 def test_a_moment_apart_is_no_exchange(crossed):
     take, _, wrong, _ = crossed
     short = replace(take, settings=replace(take.settings, side_least_s=1.0))
-    found, unsure, _gains = tell_sides(short, wrong)
+    _, found, unsure, _gains = tell_sides(short, wrong)
     assert all(a is b for a, b in zip(found, wrong, strict=True))
     assert not unsure.any()

@@ -171,6 +171,21 @@ def write_voxels(
         _write_time(group, frames, rate_hz)
         for over, offset in offsets.items():
             _write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
+    write_ragged(place, folder, offsets, parts, array_attributes)
+
+
+def write_ragged(
+    place: Place,
+    folder: str,
+    offsets: Mapping[str, NDArray[np.int64]],
+    parts: Mapping[str, Iterable[NDArray]],
+    array_attributes: Mapping[str, dict[str, Any]],
+) -> None:
+    """Add ragged arrays to the group `voxels` of the version in `folder`; as `write_voxels`."""
+    with told(f"write {place.url(folder)}"):
+        group = zarr.open_group(
+            zarr_store(place, folder), path="voxels", mode="r+", use_consolidated=False
+        )
         arrays = {
             name: _new_ragged(group, name, offsets, array_attributes.get(name)) for name in parts
         }

@@ -278,9 +278,9 @@ def _label_notes(place: Place, labels: Sequence[Written]) -> list[str]:
     for part in labels:
         read = read_block(place, part.block)
         voxels.append(np.diff(read["offset"]))
-        before = np.concatenate([[0], np.cumsum(read["label"] == 0)])
-        none.append(np.diff(before[read["offset"]]))
-    of, own = np.concatenate(voxels), np.concatenate(none)
+        frames = np.split(read["label"], read["offset"][1:-1])
+        none += [len(frame) - np.count_nonzero(frame) for frame in frames]
+    of, own = np.concatenate(voxels), np.array(none)
     share = own.sum() / max(int(of.sum()), 1)
     if share < _TOLD:
         return []

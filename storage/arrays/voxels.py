@@ -381,18 +381,23 @@ def _write_whole(
 
 
 def _regrouped(parts: Iterable[NDArray], length: int) -> Iterator[tuple[int, NDArray]]:
-    """Yield the entries of all parts, `length` at a time, each time with the first one's place."""
-    start, held, waiting = 0, 0, []
+    """Yield the entries of all parts, `length` at a time, each time with the first one's place.
+
+    What was yielded is written over by what comes next.
+    """
+    start, held, group = 0, 0, np.empty(0)
     for part in parts:
+        if not len(group):
+            group = np.empty((length, *part.shape[1:]), part.dtype)
         while len(part):
             taken, part = part[: length - held], part[length - held :]
-            waiting.append(taken)
+            group[held : held + len(taken)] = taken
             held += len(taken)
             if held == length:
-                yield start, waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
-                start, held, waiting = start + held, 0, []
-    if waiting:
-        yield start, np.concatenate(waiting)
+                yield start, group
+                start, held = start + held, 0
+    if held:
+        yield start, group[:held]
 
 
 def _shape(voxels: zarr.Group) -> tuple[int, int, int]:

@@ -5,8 +5,6 @@ threads as there are processors, and two blocks at once were no faster on two of
 they go side by side, and a worker that is lost costs the block that it was at.
 """
 
-import re
-import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -14,16 +12,12 @@ from typing import Any
 from prefect.context import hydrated_context, serialize_context
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
+from flows.clusters import THREADS, scheduler_address
 from storage.blocks import Written
 from tasks.cached import run_once
 
-THREADS, DASK = "threads", "dask"
-
 _TAKES_AT_ONCE = 2
 """In threads: one reads and writes while the other computes."""
-_ADDRESS = re.compile(r"dask://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
-_ANSWER_S = 10.0
-"""How long a scheduler may take to answer [s]. Dask itself would wait for half a minute."""
 _BLOCKS_FIRST = 10
 """Priority of blocks over takes that have not begun: else all takes would be begun at once."""
 
@@ -46,30 +40,12 @@ def task_runner(name: str) -> TaskRunner[Any]:
     """
     if name == THREADS:
         return ThreadPoolTaskRunner(max_workers=_TAKES_AT_ONCE)
-    found = _ADDRESS.fullmatch(name)
-    if name != DASK and not (found and 0 < int(found["port"]) < 1 << 16):
-        raise ValueError(
-            f"there is no runner {name!r}; choose {THREADS}, {DASK}, or dask://HOST:PORT of a "
-            "scheduler that runs"
-        )
-    try:
-        from prefect_dask.task_runners import DaskTaskRunner
-    except ImportError as error:
-        raise ValueError(
-            f"the runner {name!r} needs Dask; install shosa with its extra: pip install "
-            "'shosa[dask]'"
-        ) from error
-    if not found:
+    address = scheduler_address(name)
+    from prefect_dask.task_runners import DaskTaskRunner
+
+    if address is None:
         return DaskTaskRunner(cluster_kwargs={"threads_per_worker": 1})
-    host, port = found["host"].strip("[]"), int(found["port"])
-    try:
-        socket.create_connection((host, port), timeout=_ANSWER_S).close()
-    except OSError as error:
-        raise ConnectionError(
-            f"no Dask scheduler answers at {name} ({error.strerror or error}); start one with "
-            "`dask scheduler`, and its workers with `dask worker`"
-        ) from error
-    return DaskTaskRunner(address=f"tcp://{found['host']}:{port}")
+    return DaskTaskRunner(address=address)
 
 
 def spread_blocks() -> Callable[..., Iterator[Written]] | None:

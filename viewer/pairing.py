@@ -1,11 +1,13 @@
 """What a page needs to show a query and one match: clips, the warping path, why they are near."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.index.entries import Entry
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.rendering.drawing.stick_figures import FIGURE_LINES
 from tasks.retrieval.answering import Answer
@@ -107,28 +109,52 @@ def explain(
 
 def listed(holdings: Holdings, answer: Answer, texts: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the rows of the list of the matches of an answer, with pictures of some poses."""
-    farthest = max((match.distance for match in answer.matches), default=0.0) or 1.0
-    rows = []
-    for rank, match in enumerate(answer.matches, start=1):
-        record = answer.records[match.take]
-        rows.append(
-            {
-                "rank": rank,
-                "title": title_of(record),
-                "performer": performer_of(record),
-                "take": match.take,
-                "first": match.start,
-                "last": match.end,
-                "seconds": f"{(match.end - match.start) / record.rate_hz:.1f}",
-                "distance": f"{match.distance:.3f}",
-                "share": round(100 * match.distance / farthest, 1),
-                "mirrored": match.mirrored,
-                "level": level_of(match.distance, answer.settings),
-                "chance": _chance_in_words(answer.chance, match.distance, texts),
-                "strip": strip_of(holdings.packed(record), match.start, match.end),
-            }
-        )
+    rows = _rows(holdings, answer.matches, answer.records, answer.settings)
+    for row, match in zip(rows, answer.matches, strict=True):
+        row["chance"] = _chance_in_words(answer.chance, match.distance, texts)
     return rows
+
+
+def listed_so_far(
+    holdings: Holdings, matches: Sequence[Match], certain: int, settings: SearchSettings
+) -> list[dict[str, Any]]:
+    """Return the rows of a search that goes on; all but the first `certain` may still go.
+
+    How many clips are so near by chance is known at its end only. A match in a take that was
+    published since the takes were listed is left out until then.
+    """
+    records = {record.take: record for record in holdings.records_at_hand()}
+    rows = _rows(holdings, [m for m in matches if m.take in records], records, settings)
+    for row in rows[certain:]:
+        row["open"] = True
+    return rows
+
+
+def _rows(
+    holdings: Holdings,
+    matches: Sequence[Match],
+    records: Mapping[str, Record | Entry],
+    settings: SearchSettings,
+) -> list[dict[str, Any]]:
+    """Return what is listed of each match."""
+    farthest = max((match.distance for match in matches), default=0.0) or 1.0
+    return [
+        {
+            "rank": rank,
+            "title": title_of(records[match.take]),
+            "performer": performer_of(records[match.take]),
+            "take": match.take,
+            "first": match.start,
+            "last": match.end,
+            "seconds": f"{(match.end - match.start) / records[match.take].rate_hz:.1f}",
+            "distance": f"{match.distance:.3f}",
+            "share": round(100 * match.distance / farthest, 1),
+            "mirrored": match.mirrored,
+            "level": level_of(match.distance, settings),
+            "strip": strip_of(holdings.packed(records[match.take]), match.start, match.end),
+        }
+        for rank, match in enumerate(matches, start=1)
+    ]
 
 
 def _chance_in_words(chance: Chance, distance: float, texts: Mapping[str, str]) -> str:

@@ -126,16 +126,20 @@ def _add_ingest(commands: Any) -> None:
     ingest.add_argument(
         "--again", action="store_true", help="take in anew what the archive has already"
     )
-    ingest.add_argument(
+    _add_runner(ingest)
+    settings = _command(
+        commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
+    )
+    settings.add_argument("--json", action="store_true")
+
+
+def _add_runner(command: Any) -> None:
+    command.add_argument(
         "--runner",
         default="threads",
         metavar="NAME",
         help="what computes: threads (default), dask, or dask://HOST:PORT of a scheduler",
     )
-    settings = _command(
-        commands, "settings", _settings, "print every setting of every stage as TOML to be edited"
-    )
-    settings.add_argument("--json", action="store_true")
 
 
 def _add_serve(commands: Any) -> None:
@@ -165,7 +169,9 @@ def _add_search(commands: Any) -> None:
     add_search_options(search)
     search.add_argument("--steps", choices=("slope", "paper"), default="slope")
     search.add_argument("--json", action="store_true")
-    search.add_argument("--flow", action="store_true", help="run it as a Prefect flow")
+    where = search.add_mutually_exclusive_group()
+    where.add_argument("--flow", action="store_true", help="run it as a Prefect flow")
+    _add_runner(where)
 
 
 def _add_export(commands: Any) -> None:
@@ -275,10 +281,15 @@ def _answer(options: argparse.Namespace, arguments: tuple[Any, ...]) -> Any:
         from flows.searching import search_archive
 
         return search_archive(*arguments)
+    from flows.clusters import search_cluster
     from tasks.retrieval.answering import answer_query
 
-    with search_bar(quiet=options.quiet) as bar, printing.told_if_stopped(bar) as told:
-        return answer_query(*arguments, tell=told)
+    with (
+        search_cluster(options.runner) as cluster,
+        search_bar(quiet=options.quiet) as bar,
+        printing.told_if_stopped(bar) as told,
+    ):
+        return answer_query(*arguments, tell=told, cluster=cluster)
 
 
 def _search(options: argparse.Namespace) -> int:

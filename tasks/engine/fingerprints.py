@@ -11,9 +11,11 @@ import functools
 import hashlib
 import inspect
 import json
+import os
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,10 @@ _OURS = ("tasks", "storage")
 _PARSING = threading.Lock()
 """Takes are digitized in several threads, and `ast.parse` in two of them at once can fail in
 Python 3.11 (python/cpython issue 106905)."""
+
+_KEPT = Path(__file__).with_name("__pycache__") / "parsed"
+"""What was parsed, beside the compiled kernels: a file a text, named by the digest of the text and
+of this module's. To parse all of ours takes longer than to list ten thousand takes."""
 
 
 def fingerprint(function: Callable[..., Any], parameters: dict[str, Any]) -> str:
@@ -69,13 +75,13 @@ def source_files(module: str) -> dict[str, Path]:
         if name in found or path is None:
             continue
         found[name] = path
-        waiting.extend(_parse(path.read_bytes())[1])
+        waiting.extend(_look_into(path.read_bytes())[1])
     return found
 
 
 def code_digest(source: bytes) -> str:
     """Return a SHA-256 of a module's code, the same whatever its comments and docstrings say."""
-    return _parse(source)[0]
+    return _look_into(source)[0]
 
 
 @functools.cache
@@ -96,6 +102,23 @@ def _module_file(name: str) -> Path | None:
 
 
 @functools.cache
+def _look_into(source: bytes) -> tuple[str, frozenset[str]]:
+    """Return what `_parse` does, parsed once for all processes where a file can be written."""
+    key = hashlib.sha256(Path(__file__).read_bytes())
+    key.update(hashlib.sha256(source).digest())
+    kept = _KEPT / f"{key.hexdigest()}.json"
+    with suppress(OSError, ValueError, KeyError, TypeError):  # none yet, or damaged
+        known = json.loads(kept.read_bytes())
+        return known["code"], frozenset(known["imports"])
+    code, names = _parse(source)
+    with suppress(OSError):  # what cannot be kept is parsed by each process
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        beside = kept.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+        beside.write_text(json.dumps({"code": code, "imports": sorted(names)}), "utf-8")
+        beside.replace(kept)
+    return code, names
+
+
 def _parse(source: bytes) -> tuple[str, frozenset[str]]:
     """Return the digest of a module's code, and the names of ours that it imports at any depth."""
     with _PARSING:

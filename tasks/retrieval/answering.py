@@ -8,42 +8,25 @@ import logging
 import os
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from storage import Archive, open_archive
-from storage.errors import ArchiveError, DamagedSegmentError, InputError, UnknownNameError
+from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
 from storage.index.catalogue import Listing
 from storage.index.entries import Entry
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
+from tasks.retrieval.archive_search import Cluster, Tell, search_archive
 from tasks.retrieval.chance import Chance, choose_pieces, cut_piece, measure_pieces
 from tasks.retrieval.levels import level_of, level_thresholds, threshold_of
 from tasks.retrieval.normalization import sample_count
-from tasks.retrieval.opening import (
-    OpenedSegment,
-    fit_in_memory,
-    leave_out,
-    open_segments,
-    read_doubtful,
-    read_lying_takes,
-    read_packed_takes,
-)
-from tasks.retrieval.searching import (
-    Found,
-    Match,
-    Query,
-    SearchSettings,
-    best_matches,
-    clip_motion,
-    clip_take,
-)
-from tasks.retrieval.segment_search import search_gradually
-from tasks.retrieval.segments import Segment
+from tasks.retrieval.opening import read_packed_takes
+from tasks.retrieval.searching import Match, Query, SearchSettings, clip_motion, clip_take
 
 if TYPE_CHECKING:
     import pandas
@@ -51,9 +34,6 @@ if TYPE_CHECKING:
     from tasks.motion.importing import ImportSettings
 
 logger = logging.getLogger(__name__)
-
-Tell = Callable[[list[Match], int], None]
-"""What is told while a search goes on: matches, and how many of them are certain."""
 
 _COLUMNS = {
     "rank": int,
@@ -122,7 +102,8 @@ def answer_query(
     settings: SearchSettings,
     takes: str | None = None,
     imported: "ImportSettings | None" = None,
-    tell: "Tell | None" = None,
+    tell: Tell | None = None,
+    cluster: Cluster | None = None,
 ) -> Answer:
     """Search the archive at `location` for what moves like the query in `text`.
 
@@ -134,9 +115,8 @@ def answer_query(
         Search only in takes whose names fit this pattern (`*`, `?`, `[...]`).
     imported
         How a query file is to be read.
-    tell
-        Called with the best matches until then, and how many of them, the nearest, are certain to
-        stay, as often as more is known. What it raises ends the search.
+    tell, cluster
+        As of `search_archive`.
 
     Raises
     ------
@@ -145,6 +125,8 @@ def answer_query(
         takes are too short is no error: nothing is found then.
     UnknownNameError
         If the query take is not there, or no take fits the pattern.
+    ArchiveError
+        If a worker of the cluster does not see the archive.
     ValueError
         If the clip or a setting is impossible.
     """
@@ -162,7 +144,9 @@ def answer_query(
     skipped = {take: why for take, why in listing.faults.items() if is_searched(take)}
     if not searched and not skipped:
         raise UnknownNameError(_no_take(archive, listing.entries, takes))
-    found = _search(archive, listing, searched, query, settings, tell)
+    found = search_archive(
+        archive.place, listing, searched, query, settings, tell=tell, cluster=cluster
+    )
     skipped |= found.skipped
     if not found.too_short and not {record.take for record in searched} - skipped.keys():
         reasons = "; ".join(f"{take}: {why}" for take, why in list(skipped.items())[:3])
@@ -286,61 +270,6 @@ def parse_query(text: str) -> tuple[str, tuple[int, int] | None]:
         ) from None
 
 
-def _search(
-    archive: Archive,
-    listing: Listing,
-    searched: Sequence[Entry],
-    query: Query,
-    settings: SearchSettings,
-    tell: "Tell | None" = None,
-) -> Found:
-    """Return the matches in takes: in the index's segments, then in what lies beside them."""
-    doubtful, unread = {}, {}
-    if settings.skip_doubtful:
-        doubtful, unread = read_doubtful(archive.place, searched)
-    searched = [entry for entry in searched if entry.take not in unread]
-    wanted = {
-        entry.take: entry.version
-        for entry in searched
-        if "motion" in entry.stages and entry.take not in doubtful
-    }
-    opened, faults = open_segments(archive.place, listing.snapshot, wanted)
-    held = {
-        name
-        for each in opened
-        for name, is_searched in zip(each.segment.names, each.segment.searched, strict=True)
-        if is_searched
-    }
-    lying = [entry for entry in searched if entry.take not in held]
-    found: list[Found] = []
-    at_once = fit_in_memory(lying)
-
-    def tell_all(some: Found) -> None:
-        if tell is None:
-            return
-        matches = _best([*found, some], settings.top)
-        certain = some.certain_below if at_once else 0.0
-        tell(matches, sum(match.distance < certain for match in matches))
-
-    # not all in memory at once, where there are many
-    for segment, skipped in read_lying_takes(archive.place, lying):
-        skipped = {take: faults.get(take, why) for take, why in skipped.items()}
-        if segment:
-            leave_out(segment, doubtful)
-        found.append(_search_whole(query, opened, segment, settings, skipped, tell_all))
-        opened = []
-    return Found(
-        _best(found, settings.top),
-        {take: why for each in found for take, why in each.skipped.items()} | unread,
-        frozenset().union(*(each.too_short for each in found)),
-    )
-
-
-def _best(found: Sequence[Found], top: int) -> list[Match]:
-    """Return the best matches of several answers."""
-    return best_matches((match for each in found for match in each.matches), top)
-
-
 def _measure_chance(
     archive: Archive, compared: Sequence[Entry], query: Query, settings: SearchSettings
 ) -> Chance:
@@ -356,31 +285,6 @@ def _measure_chance(
         if compared[which].take in by_name
     ]
     return measure_pieces(query, pieces, sum(samples), settings)
-
-
-def _search_whole(
-    query: Query,
-    opened: list[OpenedSegment],
-    lying: Segment | None,
-    settings: SearchSettings,
-    skipped: dict[str, str],
-    tell: Callable[[Found], None],
-) -> Found:
-    """Return the matches in segments; of what turns out to be damaged nothing is answered."""
-    while True:
-        segments = [each.segment for each in opened] + ([] if lying is None else [lying])
-        found = Found([], {})
-        try:
-            for found in search_gradually(query, segments, settings):
-                tell(found)
-        except DamagedSegmentError as error:
-            logger.warning("%s", error)
-            at = [each.files.label.path for each in opened].index(error.label)
-            opened = [*opened]
-            opened[at], lost = opened[at].without_damage(error)
-            skipped = skipped | lost
-            continue
-        return Found(found.matches, skipped | found.skipped, found.too_short)
 
 
 def find_query(

@@ -58,14 +58,14 @@ class OpenedSegment:
 
 
 def open_segments(
-    place: Place, snapshot: Snapshot, wanted: Mapping[str, str]
+    place: Place, labels: Iterable[Label], wanted: Mapping[str, str]
 ) -> tuple[list[OpenedSegment], dict[str, str]]:
     """Return the segments that hold takes that are searched, mapped.
 
     Parameters
     ----------
-    snapshot
-        The index.
+    labels
+        Of the segments of the index.
     wanted
         The version of each take that is searched, by its name. What else a segment holds is marked
         as a hole; a segment of nothing else is left out.
@@ -112,7 +112,7 @@ def open_segments(
         )
         return OpenedSegment(segment, files)
 
-    found = [(label, *searched_of(label)) for label in snapshot.labels]
+    found = [(label, *searched_of(label)) for label in labels]
     found = [each for each in found if each[2].any()]
     if place.folder:
         opened = [open_one(*each) for each in found]

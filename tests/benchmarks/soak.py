@@ -6,6 +6,7 @@ At the end nothing is missing, doubled or left over, and `verify` finds no fault
 """
 
 import argparse
+import math
 import os
 import random
 import shutil
@@ -16,11 +17,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 
 from flows.processes import served_processes
+from flows.server import is_healthy
 from storage import open_archive
 from storage.formats.motion.trc import write_trc
 from storage.publication import collect_garbage
@@ -35,8 +37,9 @@ ROOT = Path(__file__).parent.parent.parent
 HANGING_S = 3600.0
 """After so long without a new take it hangs [s]. Chosen: far above the longest pause."""
 SETTLE_S = 2.0
-PAUSES_S = (5.0, 60.0)
-"""Between two kills [s]. Chosen: from before a server has started to when all works."""
+PAUSES_S = (1.0, 30.0)
+"""Between two kills, since server and worker are there again [s]. Chosen: the next run is about to
+begin, is at work, or has ended."""
 KINDS = ("prefect.engine", "worker start", "server start")
 
 
@@ -60,29 +63,17 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
     """Do all of it in a folder; return what is wrong at the end."""
     inbox, archive = folder / "inbox", folder / "archive"
     inbox.mkdir()
-    draw = random.Random(options.seed)
     wanted = [f"walk{n:04}" for n in range(options.takes)]
     wanted += [f"capture{n}" for n in range(options.captures)]
-    serve = start(folder, options.every)
+    serve, url = start(folder, options.every)
     begin, kills = time.perf_counter(), Counter[str]()
+    seen, since = 0, time.monotonic()
     try:
-        waiting = drops(folder, options)
-        last, seen, pause_s = time.monotonic(), 0, PAUSES_S[1]
-        while True:
-            for _ in range(max(1, options.takes // 20)):
-                next(waiting, None)
-            if sum(kills.values()) < options.kills and time.monotonic() - last > pause_s:
-                kills.update(kill_one(folder, draw))
-                last, pause_s = time.monotonic(), draw.uniform(*PAUSES_S)
-            there = open_archive(archive).takes() if (archive / "archive.json").exists() else []
+        for there, kills in drop_and_kill(folder, options, url, wanted):  # noqa: B007
             if len(there) != seen:
-                seen = len(there)
-                since = time.monotonic()
-            if set(wanted) <= set(there) and sum(kills.values()) >= options.kills:
-                break
+                seen, since = len(there), time.monotonic()
             if serve.poll() is not None or (seen and time.monotonic() - since > HANGING_S):
                 break
-            time.sleep(1)
         said = ", ".join(f"{count} x {kind}" for kind, count in kills.items())
         say(f"{seen} takes in {time.perf_counter() - begin:.0f} s; killed: {said}")
     finally:
@@ -96,8 +87,31 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
     return faults
 
 
-def start(folder: Path, every_s: float) -> subprocess.Popen[bytes]:
-    """Serve the archive of a folder."""
+def drop_and_kill(
+    folder: Path, options: argparse.Namespace, url: str, wanted: Sequence[str]
+) -> Iterator[tuple[list[str], Counter[str]]]:
+    """Yield, every second, the takes that are there, and what was killed, until all is."""
+    archive, draw = folder / "archive", random.Random(options.seed)
+    waiting, kills = drops(folder, options), Counter[str]()
+    there: list[str] = []
+    last, pause_s = time.monotonic(), 0.0
+    while not set(wanted) <= set(there) or sum(kills.values()) < options.kills:
+        if not is_up(folder, url):
+            last = time.monotonic()  # else a busy machine does nothing but start servers
+        if time.monotonic() - last > pause_s:
+            # spread over the kills, so that each meets work
+            for _ in range(math.ceil(len(wanted) / max(1, options.kills))):
+                next(waiting, None)
+            if sum(kills.values()) < options.kills and there:
+                kills.update(kill_one(folder, draw))
+            last, pause_s = time.monotonic(), draw.uniform(*PAUSES_S)
+        there = open_archive(archive).takes() if (archive / "archive.json").exists() else []
+        yield there, kills
+        time.sleep(1)
+
+
+def start(folder: Path, every_s: float) -> tuple[subprocess.Popen[bytes], str]:
+    """Serve the archive of a folder; return what does, and the address of the server's API."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -108,7 +122,7 @@ def start(folder: Path, every_s: float) -> subprocess.Popen[bytes]:
         *("--inbox", str(folder / "inbox"), "--port", str(port)),
         *("--every", str(every_s), "--settle", str(SETTLE_S)),
     ]
-    return subprocess.Popen(command, env=environment)
+    return subprocess.Popen(command, env=environment), f"http://127.0.0.1:{port}/api"
 
 
 def drops(folder: Path, options: argparse.Namespace) -> Iterator[None]:
@@ -116,9 +130,12 @@ def drops(folder: Path, options: argparse.Namespace) -> Iterator[None]:
     inbox = folder / "inbox"
     for number in range(options.captures):
         write_capture(folder / "films" / f"capture{number}", number)
-        shutil.copytree(folder / "films" / f"capture{number}", inbox / f"capture{number}")
-        yield
+    captures = iter(range(options.captures))
+    apart = math.ceil(options.takes / max(1, options.captures))
     for number in range(options.takes):
+        if number % apart == 0 and (capture := next(captures, None)) is not None:
+            shutil.copytree(folder / "films" / f"capture{capture}", inbox / f"capture{capture}")
+            yield
         write_trc(inbox / f"walk{number:04}.trc", swaying_body(number, 90), JOINTS, 30.0)
         yield
 
@@ -132,13 +149,21 @@ def write_capture(folder: Path, seed: int) -> None:
     film_capture(folder, track, 10.0, cameras=cameras, settings=FilmSettings(voxel_m=0.05))
 
 
+def is_up(folder: Path, url: str) -> bool:
+    """Say whether the server answers and there is a worker."""
+    return is_healthy(url) and any("worker start" in said for said in ours(folder).values())
+
+
 def kill_one(folder: Path, draw: random.Random) -> list[str]:
-    """Kill a process at random, of a kind at random; return its kind."""
-    kind = draw.choice(KINDS)
-    processes = [process for process, said in ours(folder).items() if kind in said]
-    if not processes:
+    """Kill a process at random, of a kind at random that there is; return its kind."""
+    running = ours(folder)
+    there = [kind for kind in KINDS if any(kind in said for said in running.values())]
+    if not there:
         return []
-    os.kill(draw.choice(processes), signal.SIGKILL)
+    kind = draw.choice(there)
+    os.kill(
+        draw.choice([number for number, said in running.items() if kind in said]), signal.SIGKILL
+    )
     return [kind]
 
 

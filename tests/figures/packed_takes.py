@@ -76,7 +76,7 @@ def read_all(location, listing=None):
     archive = open_archive(location)
     listing = listing or archive.listing()
     wanted = {entry.take: entry.version for entry in listing.entries}
-    opened, faults = open_segments(archive.place, listing.snapshot, wanted)
+    opened, faults = open_segments(archive.place, listing.snapshot.labels, wanted)
     found, skipped, segments = {}, {}, []
     for each in opened:
         left = each

@@ -1,5 +1,6 @@
 """Where tasks run: in threads or on Dask workers, with the same take at the end."""
 
+import json
 import os
 import signal
 import socket
@@ -8,13 +9,18 @@ import sys
 import numpy as np
 import pytest
 
-from flows.command.main import RUN_FAILED, WRONG_USE, main
+from flows.command.main import DONE, RUN_FAILED, WRONG_USE, main
 from flows.runners import spread_blocks, task_runner
-from storage import open_archive
+from storage import create_archive, open_archive
+from storage.recordings import find_recordings, plan_takes
 from tasks.capture import films as capture_films
+from tasks.motion.importing import ImportSettings, import_take
+from tasks.retrieval.gathering import gather_segments
+from tasks.retrieval.indexing import index_take
 from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
 from tasks.studio.performances import TK, generate_performance
+from tasks.takes.publishing import publish_take
 
 FRAMES = 16
 
@@ -38,7 +44,7 @@ def test_a_runner_that_is_none_is_wrong_use(name):
 
 
 def test_a_missing_library_is_said_with_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "prefect_dask.task_runners", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"needs Dask; .* with its extra: .*shosa\[dask"):
         task_runner("dask")
 
@@ -59,6 +65,9 @@ def test_the_command_refuses_a_runner_before_anything_is_begun(tmp_path, write_w
     assert "there is no runner 'dusk'" in capsys.readouterr().err
     pytest.importorskip("prefect_dask")
     assert main([*command, "dask://127.0.0.1:1"]) == RUN_FAILED
+    assert "no Dask scheduler answers" in capsys.readouterr().err
+    search = ["search", str(tmp_path / "archive"), "walk", "--runner", "dask://127.0.0.1:1"]
+    assert main(search) == RUN_FAILED
     assert "no Dask scheduler answers" in capsys.readouterr().err
     assert open_archive(tmp_path / "archive").takes() == []
 
@@ -130,3 +139,24 @@ def test_blocks_on_workers_make_the_same_take_also_when_one_is_killed(
     for frame in range(FRAMES):
         assert one.voxels(frame).identical(other.voxels(frame))
     assert one.record.notes == other.record.notes
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_search_by_a_cluster_prints_what_one_here_prints(tmp_path, write_walk, capsys):
+    pytest.importorskip("prefect_dask")
+    archive = str(create_archive(tmp_path / "archive").location)
+    for seed in range(3):
+        walk = write_walk(tmp_path / f"walk{seed}.trc", seed=seed)
+        (recording,) = plan_takes(open_archive(archive), find_recordings([walk])).recordings
+        draft = import_take(archive, recording, ImportSettings())
+        index_take(archive, draft["take"], draft["version"])
+        publish_take(archive, draft, over=0)
+        gather_segments(archive)
+    answers = []
+    for runner in ("threads", "dask"):
+        assert main(["search", archive, "walk1:20-50", "--json", "--runner", runner]) == DONE
+        answers.append(json.loads(capsys.readouterr().out))
+        del answers[-1]["seconds"]
+    assert answers[0] == answers[1]
+    assert answers[0]["matches"]

@@ -14,7 +14,7 @@ from storage.index import segments, snapshots
 from storage.index.segments import FOLDER
 from storage.index.snapshots import open_snapshot, verify_snapshot
 from storage.publication import collect_garbage, kept_from_garbage
-from tasks.retrieval import answering, opening
+from tasks.retrieval import archive_search, opening
 from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.searching import Found, Match, SearchSettings
 from tests.figures.packed_takes import (
@@ -173,13 +173,13 @@ def test_a_harmed_summary_is_refused_and_the_rows_are_searched_without(takes, ha
     gather_segments(takes.location)
     archive = open_archive(takes.location)
     listing = archive.listing()
-    [opened], _ = opening.open_segments(takes.place, listing.snapshot, takes.versions)
+    [opened], _ = opening.open_segments(takes.place, listing.snapshot.labels, takes.versions)
     rows = np.nan_to_num(opened.segment.rows)
     np.testing.assert_array_equal(
         opened.segment.summaries["mean"], rows.reshape(69, -1, 16).mean(axis=2)
     )
     harm(files(takes, "*.mean.npy")[0])
-    [opened], _ = opening.open_segments(takes.place, listing.snapshot, takes.versions)
+    [opened], _ = opening.open_segments(takes.place, listing.snapshot.labels, takes.versions)
     with pytest.raises(DamagedSegmentError, match="run `shosa index`") as raised:
         opened.segment.summaries["mean"]
     left, lost = opened.without_damage(raised.value)
@@ -195,7 +195,7 @@ def test_a_search_goes_on_without_what_it_finds_to_be_damaged(takes, monkeypatch
     gather_segments(takes.location)
     tried = []
 
-    def search(_query, found, _settings):
+    def search(_query, found, _settings, **_):
         names = []
         for segment in found:
             tried.append([*segment.summaries.values()])
@@ -204,12 +204,14 @@ def test_a_search_goes_on_without_what_it_finds_to_be_damaged(takes, monkeypatch
                 names.append(segment.names[at])
         return [Found([Match(name, 0, 9, 0.5) for name in names], {})]
 
-    monkeypatch.setattr(answering, "search_gradually", search)
+    monkeypatch.setattr(archive_search, "search_gradually", search)
     archive = open_archive(takes.location)
 
     def answer():
         listing = archive.listing()
-        found = answering._search(archive, listing, listing.entries, None, SearchSettings(top=9))
+        found = archive_search.search_archive(
+            archive.place, listing, listing.entries, None, SearchSettings(top=9)
+        )
         return {match.take for match in found.matches}, found.skipped
 
     assert answer() == ({*takes.rows}, {})
@@ -230,7 +232,7 @@ def test_summaries_of_another_kind_are_not_read(takes, monkeypatch):
     gather_segments(takes.location)
     monkeypatch.setattr(opening, "SUMMARIZED", 2)
     snapshot = open_snapshot(takes.place)
-    [opened], _ = opening.open_segments(takes.place, snapshot, takes.versions)
+    [opened], _ = opening.open_segments(takes.place, snapshot.labels, takes.versions)
     assert dict(opened.segment.summaries) == {}
 
 

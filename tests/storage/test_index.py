@@ -302,7 +302,7 @@ def test_what_is_not_asked_for_is_a_hole_and_a_segment_of_holes_is_not_opened(ta
     fill(takes)
     gather_segments(takes.location)
     wanted = {"take1": takes.versions["take1"], "take2": "another version"}
-    [opened], faults = opening.open_segments(takes.place, open_snapshot(takes.place), wanted)
+    [opened], faults = opening.open_segments(takes.place, open_snapshot(takes.place).labels, wanted)
     assert faults == {}
     searched = itertools.compress(opened.segment.names, opened.segment.searched)
     assert list(searched) == ["take1"]

@@ -185,3 +185,28 @@ def test_a_file_and_frames_that_come_late_replace_nothing(open_page, write_walk,
     answered(page)
     assert page.evaluate("() => window.shosa.score.query.take") == "answer"
     assert page.evaluate(CHOSEN).startswith("The answer")
+
+
+def test_what_a_search_has_found_is_listed_while_it_goes_on(open_page, monkeypatch):
+    import viewer.pages.search as search
+
+    gate, find = Gate(), search.find_others
+
+    def tell_early(*given, tell, **more):
+        answer = find(*given, **more)
+        tell(answer.matches[:2], 1)
+        return gate.pass_(lambda: answer)
+
+    monkeypatch.setattr(search, "find_others", tell_early)
+    page = open_page(f"/?take=asked&clip={SHARED[0]}-{SHARED[1]}")
+    wait(page, DRAWN)
+    page.click("[data-control=search]")
+    assert gate.came.wait(HANGING_S)
+    wait(page, "() => document.querySelectorAll('.result').length === 2")
+    assert page.locator(".result.open").count() == 1
+    assert "1 of them certain" in page.locator(".found-head").inner_text()
+    page.click(".result >> nth=0")  # nothing can be chosen of what may still change
+    gate.open.set()
+    wait(page, PLAYING)
+    assert page.locator(".result.open").count() == 0
+    assert page.locator(".result").count() > 2

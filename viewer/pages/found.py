@@ -26,7 +26,7 @@ class Found:
                 self.extras = tag("div")
             self.note = tag("div", texts["opening"], "found-note")
             self.offered = tag("div", classes="found-note empty")
-            self.results = made(Results, matches=[], chosen=0, texts=dict(texts))
+            self.results = made(Results, matches=[], chosen=0, searching=False, texts=dict(texts))
             self.results.on("choose", lambda e: choose(int(e.args["rank"])))
 
     def say(self, text: str) -> None:
@@ -41,13 +41,17 @@ class Found:
         _show(self.note, "")
         self.offered.classes("empty")
 
-    def tell_so_far(self, matches: int, certain: int) -> None:
-        """Show how much of a search is known."""
-        _show(self.detail, self.shell.text("so_far", matches=matches, certain=certain))
+    def list_so_far(self, rows: list[dict[str, Any]], certain: int) -> None:
+        """List what a search has found until now; nothing of it can be chosen yet."""
+        self.place.classes(remove="outdated")
+        give(self.results, matches=rows, chosen=0, searching=True)
+        _show(self.detail, self.shell.text("so_far", matches=len(rows), certain=certain))
 
     def give_up(self) -> None:
-        """Show that nothing is searched any more."""
+        """Show that nothing is searched any more, and nothing was found."""
         _show(self.summary, "")
+        _show(self.detail, "")
+        give(self.results, matches=[], chosen=0, searching=False)
 
     def list(self, answer: Answer, rows: list[dict[str, Any]], report: str) -> None:
         """List what was found; `report` is the address of the page to be saved."""
@@ -71,7 +75,7 @@ class Found:
                     tag("summary", self.shell.text("skipped", count=len(answer.skipped)))
                     for take, why in list(answer.skipped.items())[:_MOST_SKIPPED]:
                         tag("div", f"{take}: {why}", "soft")
-        give(self.results, matches=rows, chosen=0)
+        give(self.results, matches=rows, chosen=0, searching=False)
         _show(self.note, "")
 
     def mark(self, *, outdated: bool) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from asyncio import get_running_loop, to_thread
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,12 +32,15 @@ from viewer.pages.found import Found
 from viewer.pages.search_form import THRESHOLD_STEP, SearchForm
 from viewer.pages.shell import Shell, Site, begin_page
 from viewer.pages.turns import Turns
-from viewer.pairing import BODY, listed, pair, shown_motion
+from viewer.pairing import BODY, listed, listed_so_far, pair, shown_motion
 
 MOST_LISTED = 60
 """How many recordings the chooser shows at a time. More are found by typing."""
 FIRST_CLIP_S = 2.0
 """How long the clip is that a recording is first shown with [s]. A movement of a dance."""
+
+_SO_FAR_EVERY_S = 0.3
+"""How often at most the list of a search that goes on is drawn anew [s]. As one can read along."""
 
 TELLING_JOINTS = ("RWrist", "LWrist", "RFoot", "LFoot", "Head")
 """Of which compared joint the curves are shown unasked: the first of these."""
@@ -277,12 +281,17 @@ class SearchPage:
             clip = (asking.start or 0, asking.end or 0)
             loop = get_running_loop()
 
-            def tell(matches: list[Match], certain: int) -> None:
-                loop.call_soon_threadsafe(self.found.tell_so_far, len(matches), certain)
+            settings = asking.settings()
+            told_s = -math.inf
 
-            answer = await to_thread(
-                find_others, self.holdings, motion, clip, asking.settings(), tell=tell
-            )
+            def tell(matches: list[Match], certain: int) -> None:
+                nonlocal told_s
+                if time.monotonic() - told_s > _SO_FAR_EVERY_S:
+                    told_s = time.monotonic()
+                    rows = listed_so_far(self.holdings, matches, certain, settings)
+                    loop.call_soon_threadsafe(self.found.list_so_far, rows, certain)
+
+            answer = await to_thread(find_others, self.holdings, motion, clip, settings, tell=tell)
             rows = await to_thread(listed, self.holdings, answer, self.shell.texts)
             self.asked = replace(asking, searched=True, match=rank)
             self.matches = answer.matches
@@ -295,6 +304,7 @@ class SearchPage:
             else:  # something else is asked by now; it stays as it is
                 self.tell_outdated()
         except Exception as error:
+            self.matches = []
             self.found.give_up()
             self.shell.tell_fault(error)
         finally:

@@ -7,8 +7,8 @@ import pytest
 from storage.errors import InputError
 from storage.formats import read_motion_file
 from storage.formats.encodings import find_encoding
-from tests.storage.formats.test_bvh import WHOLE as BVH
-from tests.storage.formats.test_trc import WHOLE as TRC
+from tests.storage.formats.motion.test_bvh import WHOLE as BVH
+from tests.storage.formats.motion.test_trc import WHOLE as TRC
 
 JAPANESE = (
     "左ひざ 右ひざ",

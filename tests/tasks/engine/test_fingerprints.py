@@ -1,6 +1,7 @@
 """Tests of tasks.engine.fingerprints."""
 
 import dis
+import shutil
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,8 +21,10 @@ class Settings:
 
 
 @pytest.fixture(autouse=True)
-def fresh():
+def fresh(monkeypatch, tmp_path_factory):
+    monkeypatch.setattr(fingerprints, "_KEPT", tmp_path_factory.mktemp("kept"))
     fingerprints._source_digest.cache_clear()
+    fingerprints._look_into.cache_clear()
     yield
     fingerprints._source_digest.cache_clear()
 
@@ -183,9 +186,38 @@ def test_the_digest_of_code_is_the_same_in_every_version_of_python():
 def test_many_threads_may_digest_at_once():
     sources = [path.read_bytes() + b"#" for path in sorted((ROOT / "tasks/body").rglob("*.py"))]
     one_by_one = [fingerprints.code_digest(source) for source in sources]
-    fingerprints._parse.cache_clear()
+    fingerprints._look_into.cache_clear()
+    shutil.rmtree(fingerprints._KEPT)
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(fingerprints.code_digest, sources)) == one_by_one
+
+
+def test_what_one_process_parsed_no_other_parses(monkeypatch):
+    source = MODULE.encode() + b"\n"
+    first = fingerprints.code_digest(source)
+    fingerprints._look_into.cache_clear()
+    with monkeypatch.context() as patched:
+        patched.setattr(fingerprints, "_parse", lambda _: pytest.fail("parsed again"))
+        assert fingerprints.code_digest(source) == first
+    assert fingerprints.code_digest(source.replace(b"0.5", b"0.6")) != first
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"code": 1}', b"\xff", b"null"])
+def test_what_was_kept_and_is_damaged_is_parsed_anew(damage):
+    first = fingerprints.code_digest(MODULE.encode())
+    (kept,) = fingerprints._KEPT.glob("*.json")
+    kept.write_bytes(damage)
+    fingerprints._look_into.cache_clear()
+    assert fingerprints.code_digest(MODULE.encode()) == first
+    assert b"imports" in kept.read_bytes()
+
+
+def test_without_a_place_to_keep_it_the_digest_is_the_same(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    first = fingerprints.code_digest(MODULE.encode())
+    monkeypatch.setattr(fingerprints, "_KEPT", tmp_path / "file" / "kept")
+    fingerprints._look_into.cache_clear()
+    assert fingerprints.code_digest(MODULE.encode()) == first
 
 
 def test_what_is_imported_inside_a_function_counts():

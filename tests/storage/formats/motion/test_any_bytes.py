@@ -11,8 +11,8 @@ from storage.formats.motion.c3d import write_c3d
 from storage.formats.motion.trc import write_trc
 from tests.conftest import cases
 from tests.figures.strategies import damaged
-from tests.storage.formats.test_bvh import WHOLE as BVH
-from tests.storage.formats.test_trc import WHOLE as TRC
+from tests.storage.formats.motion.test_bvh import WHOLE as BVH
+from tests.storage.formats.motion.test_trc import WHOLE as TRC
 
 SUFFIXES = (".c3d", ".trc", ".bvh")
 many = settings(max_examples=cases(100))

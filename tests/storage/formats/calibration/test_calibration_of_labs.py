@@ -9,7 +9,7 @@ from storage.errors import InputError
 from storage.formats.calibration.reading import read_calibration
 from tests.figures import calibration_files as files
 from tests.figures.calibration_files import rig
-from tests.storage.formats.test_calibration import assert_same
+from tests.storage.formats.calibration.test_calibration import assert_same
 
 
 def test_tables_of_a_toml_that_are_no_cameras_are_passed_over_with_a_word(tmp_path):

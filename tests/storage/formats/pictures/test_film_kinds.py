@@ -22,7 +22,7 @@ from storage.formats.pictures.video import (
     read_frames,
 )
 from tests.figures.films import moving, woven, write_film
-from tests.storage.formats.test_video import FRAMES, MADE, number_of
+from tests.storage.formats.pictures.test_video import FRAMES, MADE, number_of
 
 INTERLACED = {"flags": "+ilme+ildct"}
 X264 = {"crf": "18"}

@@ -27,7 +27,7 @@ from tasks.reconstruction.coloring import color_block
 from tasks.reconstruction.silhouettes import extract_block
 from tasks.reconstruction.still_things import find_still_take
 from tasks.settings import Settings
-from tasks.takes.assembling import Blocks
+from tasks.takes.beginning import Blocks
 
 Run = Callable[..., Written]
 """Calls a stage's store function, the first argument, with the keywords that follow."""
@@ -45,7 +45,7 @@ A stage that goes through the take several times tells which share of its work i
 
 def digitize(
     archive: str, recording: Recording, settings: Settings, *, run: Run, tell: Tell,
-    run_blocks: RunBlocks | None = None,
+    run_blocks: RunBlocks | None = None, begin: Callable[[Blocks], Any] | None = None,
 ) -> tuple[Blocks, list[str]]:  # fmt: skip
     """Run every stage on a capture; return what they wrote, and what was noted.
 
@@ -64,6 +64,9 @@ def digitize(
     run_blocks
         How a stage before the poses is run on many blocks at once; by default `run` runs one after
         another.
+    begin
+        Is told when the voxels are colored, and returns at once: what needs no pose can be written
+        beside the stages that follow, which keep one processor busy half of their time.
 
     Raises
     ------
@@ -73,6 +76,8 @@ def digitize(
     blocks, notes = make_voxels(
         archive, recording, settings, run=run, tell=tell, run_blocks=run_blocks
     )
+    if begin:
+        begin(blocks)
     try:
         blocks |= make_poses(archive, recording, blocks, settings, run=run, tell=tell)
     except InputError as error:

@@ -21,7 +21,7 @@ from tasks.exporting.day_pages import day_line, summarize_day
 from tasks.exporting.markdown import escaped, linked
 from tasks.exporting.take_pages import take_line, take_page
 from tasks.retrieval.answering import Answer
-from tasks.takes.assembling import Blocks
+from tasks.takes.beginning import Blocks
 
 logger = logging.getLogger(__name__)
 

@@ -29,7 +29,8 @@ from tasks.settings import (
     read_settings,
     settings_of_stages,
 )
-from tasks.takes.assembling import Blocks, assemble_take
+from tasks.takes.assembling import assemble_take
+from tasks.takes.beginning import Blocks, beginning_beside
 from tasks.takes.identity import code_of, find_same, why_anew
 from tasks.takes.publishing import publish_take
 
@@ -114,27 +115,29 @@ def _make_draft(
     spread = spread_blocks()
     capture = capture_of(recording.path, recording.digest)
     tell = progress_teller(recording.take, capture.frames)
-    with compiling_beside(tell_compiled):
-        blocks, found = chain.digitize(
-            archive,
-            recording,
-            chosen,
-            run=run,
-            tell=tell,
-            run_blocks=run_blocks if spread else None,
+    named = (archive, recording.path, recording.digest, recording.take)
+    tables = settings_of_stages(chosen)
+    with beginning_beside(*named, tables) as begin:
+        with compiling_beside(tell_compiled):
+            blocks, found = chain.digitize(
+                archive,
+                recording,
+                chosen,
+                run=run,
+                tell=tell,
+                run_blocks=run_blocks if spread else None,
+                begin=begin,
+            )
+        tell(ASSEMBLING, 0)
+        draft = assemble_take(
+            *named,
+            blocks,
+            settings=tables,
+            changed=changed_settings(chosen),
+            code=code_of("capture"),
+            notes=[*notes, *found],
+            begun=begin(blocks).result(),
         )
-    tell(ASSEMBLING, 0)
-    draft = assemble_take(
-        archive,
-        recording.path,
-        recording.digest,
-        recording.take,
-        blocks,
-        settings=settings_of_stages(chosen),
-        changed=changed_settings(chosen),
-        code=code_of("capture"),
-        notes=[*notes, *found],
-    )
     if "motion" in draft["stages"]:
         run_once(index_take, archive=archive, take=draft["take"], version=draft["version"])
     tell(ASSEMBLING, capture.frames)

@@ -171,6 +171,21 @@ def write_voxels(
         _write_time(group, frames, rate_hz)
         for over, offset in offsets.items():
             _write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
+    write_ragged(place, folder, offsets, parts, array_attributes)
+
+
+def write_ragged(
+    place: Place,
+    folder: str,
+    offsets: Mapping[str, NDArray[np.int64]],
+    parts: Mapping[str, Iterable[NDArray]],
+    array_attributes: Mapping[str, dict[str, Any]],
+) -> None:
+    """Add ragged arrays to the group `voxels` of the version in `folder`; as `write_voxels`."""
+    with told(f"write {place.url(folder)}"):
+        group = zarr.open_group(
+            zarr_store(place, folder), path="voxels", mode="r+", use_consolidated=False
+        )
         arrays = {
             name: _new_ragged(group, name, offsets, array_attributes.get(name)) for name in parts
         }
@@ -366,18 +381,23 @@ def _write_whole(
 
 
 def _regrouped(parts: Iterable[NDArray], length: int) -> Iterator[tuple[int, NDArray]]:
-    """Yield the entries of all parts, `length` at a time, each time with the first one's place."""
-    start, held, waiting = 0, 0, []
+    """Yield the entries of all parts, `length` at a time, each time with the first one's place.
+
+    What was yielded is written over by what comes next.
+    """
+    start, held, group = 0, 0, np.empty(0)
     for part in parts:
+        if not len(group):
+            group = np.empty((length, *part.shape[1:]), part.dtype)
         while len(part):
             taken, part = part[: length - held], part[length - held :]
-            waiting.append(taken)
+            group[held : held + len(taken)] = taken
             held += len(taken)
             if held == length:
-                yield start, waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
-                start, held, waiting = start + held, 0, []
-    if waiting:
-        yield start, np.concatenate(waiting)
+                yield start, group
+                start, held = start + held, 0
+    if held:
+        yield start, group[:held]
 
 
 def _shape(voxels: zarr.Group) -> tuple[int, int, int]:

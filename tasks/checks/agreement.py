@@ -40,6 +40,7 @@ from tasks.checks.telling import (
     judge_telling,
 )
 from tasks.engine.settings import Count, NotNegative, Positive, Share, check_ranges
+from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
 
@@ -187,9 +188,11 @@ def check_agreement(
     notes: list[str] = []
     _judge_blind(case, blind, faults, notes)
     explained, overlap = unknown.copy(), unknown.copy()
-    for c in usable:
-        explained[c] = share_explained(consistency, usable, c)
-        overlap[c] = share_overlapped(consistency, c)
+    fits = side_by_side(
+        lambda c: (share_explained(consistency, usable, c), share_overlapped(consistency, c)),
+        usable,
+    )
+    explained[list(usable)], overlap[list(usable)] = np.transpose(fits)
     trusted = _judge_cameras(case, explained, faults, notes)
     empty = _empty_frames(case)
     if trusted:

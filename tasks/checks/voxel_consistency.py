@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers, project_points
 
 _HALVINGS = 3
@@ -140,10 +141,10 @@ def measure_voxel_consistency(
     images = _image_numbers(boxes, scene.projection)
     seen = (images[0] != _UNSEEN).sum(axis=0) >= min_cameras
     boxes, images = boxes[seen], (images[0][:, seen], images[1][:, seen])
-    return [
-        _halved(scene, silhouettes, boxes, images, edge, most_outside, min_cameras)
-        for silhouettes in scene.silhouettes
-    ]
+    return side_by_side(
+        lambda frame: _halved(scene, frame, boxes, images, edge, most_outside, min_cameras),
+        list(scene.silhouettes),
+    )
 
 
 def hull_of(

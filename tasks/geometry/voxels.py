@@ -7,6 +7,7 @@ column (x, y), as long as it can be; a frame's runs are in the order of their fi
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,7 +189,9 @@ def take_frame(runs: VoxelRuns, frame: int) -> VoxelRuns:
         raise ValueError(f"frame {frame} is not one of the frames 0 to {runs.frames - 1}")
     first, end = int(runs.offset[frame]), int(runs.offset[frame + 1])
     offset = np.array([0, end - first], np.int64)
-    return VoxelRuns(runs.start[first:end], runs.length[first:end], offset, runs.shape)
+    own = copy(runs)  # without the checks, which all of the runs have passed
+    vars(own).update(start=runs.start[first:end], length=runs.length[first:end], offset=offset)
+    return own
 
 
 def count_voxels(runs: VoxelRuns) -> NDArray[np.int64]:

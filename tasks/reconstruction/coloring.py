@@ -120,14 +120,7 @@ def color_surface(
     color = np.zeros((len(index), 3), np.uint8)
     camera = np.full(len(index), NO_CAMERA, np.uint8)
     _choose(np.ascontiguousarray(images), pixel, color, camera)
-    seen = camera != NO_CAMERA
-    if seen.any() and not seen.all():
-        crop[tuple(place[seen].T)] = _COLORED
-        nearest = np.empty((len(index) - int(seen.sum()), 3), np.int64)
-        _find_nearest(crop, place[~seen], nearest)
-        number = np.ravel_multi_index(tuple(place.T), crop.shape)
-        found = np.searchsorted(number, np.ravel_multi_index(tuple(nearest.T), crop.shape))
-        color[~seen] = color[found]
+    _borrow(crop, place, camera, color)
     return SurfaceColors(is_surface, index, color, camera)
 
 
@@ -206,31 +199,52 @@ def _choose(images: Any, pixel: Any, color: Any, camera: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _find_nearest(crop: Any, place: Any, nearest: Any) -> None:
-    """Write the place of the colored voxel nearest to each place, shell by shell."""
+def _borrow(crop: Any, place: Any, camera: Any, color: Any) -> None:
+    """Give voxels that no camera sees the color of the nearest one that some camera sees."""
+    colored = 0
     for n in range(len(place)):
-        x, y, z = place[n, 0], place[n, 1], place[n, 2]
-        least, reach = -1, 1
-        while least < 0 or reach * reach <= least:
-            for i in range(max(x - reach, 0), min(x + reach, crop.shape[0] - 1) + 1):
-                for j in range(max(y - reach, 0), min(y + reach, crop.shape[1] - 1) + 1):
-                    shell = abs(i - x) == reach or abs(j - y) == reach
-                    step = 1 if shell else 2 * reach
-                    for k in range(z - reach, z + reach + 1, step):
-                        if not 0 <= k < crop.shape[2] or crop[i, j, k] != _COLORED:
-                            continue
-                        distance = (i - x) ** 2 + (j - y) ** 2 + (k - z) ** 2
-                        if (
-                            least < 0
-                            or distance < least
-                            or (
-                                distance == least
-                                and (i, j, k) < (nearest[n, 0], nearest[n, 1], nearest[n, 2])
-                            )
-                        ):
-                            least = distance
-                            nearest[n, 0], nearest[n, 1], nearest[n, 2] = i, j, k
-            reach += 1
+        if camera[n] != NO_CAMERA:
+            crop[place[n, 0], place[n, 1], place[n, 2]] = _COLORED
+            colored += 1
+    if colored == 0:
+        return
+    for n in range(len(place)):
+        if camera[n] == NO_CAMERA:
+            lender = _find_voxel(place, _find_nearest(crop, place[n, 0], place[n, 1], place[n, 2]))
+            for k in range(3):
+                color[n, k] = color[lender, k]
+
+
+@njit(cache=True, nogil=True)
+def _find_nearest(crop: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return the place of the colored voxel nearest to a place, shell by shell."""
+    nearest, least, reach = (0, 0, 0), -1, 1
+    while least < 0 or reach * reach <= least:
+        for i in range(max(x - reach, 0), min(x + reach, crop.shape[0] - 1) + 1):
+            for j in range(max(y - reach, 0), min(y + reach, crop.shape[1] - 1) + 1):
+                shell = abs(i - x) == reach or abs(j - y) == reach
+                step = 1 if shell else 2 * reach
+                for k in range(z - reach, z + reach + 1, step):
+                    if not 0 <= k < crop.shape[2] or crop[i, j, k] != _COLORED:
+                        continue
+                    distance = (i - x) ** 2 + (j - y) ** 2 + (k - z) ** 2
+                    if least < 0 or distance < least or (distance == least and (i, j, k) < nearest):
+                        least, nearest = distance, (i, j, k)
+        reach += 1
+    return nearest
+
+
+@njit(cache=True, nogil=True)
+def _find_voxel(place: Any, wanted: Any) -> Any:
+    """Return the number of the voxel at a place, of voxels in order."""
+    first, end = 0, len(place)
+    while end - first > 1:
+        middle = (first + end) // 2
+        if (place[middle, 0], place[middle, 1], place[middle, 2]) <= wanted:
+            first = middle
+        else:
+            end = middle
+    return first
 
 
 def color_block(

@@ -1,8 +1,7 @@
 """Put the blocks of a digitized take together as a version of the take, ready to be published."""
 
-import hashlib
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,27 +11,22 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.arrays.groups import write_motion
 from storage.arrays.poses import write_body, write_pose
-from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
+from storage.arrays.voxels import write_ragged
 from storage.blocks import Written, read_block
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, capture_of
 from storage.places import Place
 from storage.provenance import Provenance
-from storage.publication import (
-    Record,
-    describe_files,
-    discard_version,
-    new_version,
-    version_folder,
-)
+from storage.publication import Record, describe_files, discard_version, version_folder
 from storage.recordings import digest_capture
-from storage.schema import JOINTS, NO_CAMERA
+from storage.schema import JOINTS
 from tasks.body.anatomy.segments import pose_in_parents
 from tasks.body.anatomy.shape import measure_body
-from tasks.capture.films import grid_of, largest_image
+from tasks.capture.films import grid_of
 from tasks.geometry.voxels import voxel_centers
 from tasks.motion.stature import joints_present, take_stature
 from tasks.reconstruction.voxel_frames import VoxelFrames
+from tasks.takes.beginning import Begun, Blocks, arrays_of, begin_take, provenances_of
 
 logger = logging.getLogger(__name__)
 
@@ -56,8 +50,8 @@ specks; the least of things, a sword, is 0.01. Chosen, not measured."""
 _POSE = ("position", "rotation", "quality", "doubt", "doubtful")
 """What the group `pose` takes from the fit as it is; the method `paper` tells no doubt."""
 
-Blocks = dict[str, list[Written]]
-"""What the tasks of a stage wrote, in the order of the frames, by the name of the stage."""
+_LABELS = {"provisional_label": "provisional_labeling", "label": "final_labeling"}
+"""The stage of each array of labels."""
 
 
 def assemble_take(
@@ -71,6 +65,7 @@ def assemble_take(
     changed: dict[str, Any],
     code: str,
     notes: Sequence[str],
+    begun: Begun | None = None,
 ) -> dict[str, Any]:
     """Write a version of a take from the blocks of its stages, without publishing it.
 
@@ -90,6 +85,8 @@ def assemble_take(
         The digest of the code that made the blocks, to be remembered.
     notes
         What was found on the way, a sentence each.
+    begun
+        The version, where what needs no pose of it is written; by default a new one.
 
     Returns
     -------
@@ -104,28 +101,19 @@ def assemble_take(
     source = capture_of(capture, digest)
     opened = open_archive(archive)
     place = opened.place
-    offsets = _offsets(place, blocks)
-    empty = np.flatnonzero(np.diff(offsets["voxel"]) == 0)
-    if len(empty) == source.frames:
-        raise InputError(
-            f"{capture}: no voxel is inside the silhouettes in any frame; `shosa doctor {capture}` "
-            "shows what the cameras see of the volume"
-        )
     if digest_capture(source.folder) != digest:
         raise InputError(f"{capture} changed while it was read; ingest it again when it is done")
     for stage, parts in blocks.items():
         seconds = sum(part.seconds for part in parts)
         frames = parts[-1].block.end - parts[0].block.start
         logger.info("%s: %s: %d frames, %.1f s", take, stage.replace("_", " "), frames, seconds)
-    version = new_version(place, take)
-    provenances = {
-        "cameras": Provenance("calibration", {}, {capture: digest}),
-        **_provenances(blocks, settings, capture, digest),
-    }
+    begun = begun or begin_take(archive, capture, digest, take, blocks, settings)
+    version, empty = begun.version, np.flatnonzero(np.diff(begun.offsets["voxel"]) == 0)
+    provenances = provenances_of(blocks, settings, capture, digest)
     joints_there: list[str] = []
     try:
         folder = version_folder(take, version)
-        _write_groups(place, source, folder, blocks, offsets, provenances)
+        _write_labels(place, folder, blocks, begun, provenances)
         if "joint_tracks" in blocks:
             joints_there = _write_body(place, source, folder, blocks, provenances)
         files = describe_files(place, take, version)
@@ -161,64 +149,22 @@ def assemble_take(
     return asdict(draft)
 
 
-def _write_groups(
-    place: Place,
-    source: Capture,
-    folder: str,
-    blocks: Blocks,
-    offsets: dict[str, NDArray[np.int64]],
-    provenances: dict[str, Provenance],
+def _write_labels(
+    place: Place, folder: str, blocks: Blocks, begun: Begun, provenances: dict[str, Provenance]
 ) -> None:
-    """Write the groups of a version."""
-    write_cameras(place, folder, source.cameras, provenances["cameras"], source.first_frames)
-    rows, columns = largest_image(source.cameras)
-    write_silhouettes(
-        place,
-        folder,
-        _unpacked(place, blocks["silhouettes"], columns),
-        (source.frames, len(source.cameras), rows, columns),
-        cameras=[camera.name for camera in source.cameras],
-        rate_hz=source.fps,
-        provenance=provenances["silhouettes"],
-    )
-    grid = grid_of(source)
-    coloring = {"provenance": provenances["coloring"].attributes()}
-    labeled = {
-        name: stage
-        for name, stage in (
-            ("provisional_label", "provisional_labeling"), ("label", "final_labeling"),
-        )
-        if stage in blocks
-    }  # fmt: skip
-    write_voxels(
-        place,
-        folder,
-        offsets,
-        {
-            "run_start": _arrays(place, blocks["carving"], "start"),
-            "run_length": _arrays(place, blocks["carving"], "length"),
-            **{
-                name: _arrays(place, blocks["coloring"], name)
-                for name in ("is_surface", "color", "camera")
-            },
-            **{name: _arrays(place, blocks[stage], name) for name, stage in labeled.items()},
-        },
-        attributes={
-            "origin_m": list(grid.origin_m),
-            "voxel_m": grid.voxel_m,
-            "shape": list(grid.shape),
-            "no_camera": NO_CAMERA,
-            "provenance": provenances["carving"].attributes(),
-        },
-        array_attributes={
-            **dict.fromkeys(("is_surface", "color", "camera"), coloring),
-            **{
+    """Add the labels that there are to the voxels of a version."""
+    labeled = {name: stage for name, stage in _LABELS.items() if stage in blocks}
+    if labeled:
+        write_ragged(
+            place,
+            folder,
+            begun.offsets,
+            {name: arrays_of(place, blocks[stage], name) for name, stage in labeled.items()},
+            {
                 name: {"provenance": provenances[stage].attributes()}
                 for name, stage in labeled.items()
             },
-        },
-        rate_hz=source.fps,
-    )
+        )
 
 
 def _write_body(
@@ -332,9 +278,9 @@ def _label_notes(place: Place, labels: Sequence[Written]) -> list[str]:
     for part in labels:
         read = read_block(place, part.block)
         voxels.append(np.diff(read["offset"]))
-        before = np.concatenate([[0], np.cumsum(read["label"] == 0)])
-        none.append(np.diff(before[read["offset"]]))
-    of, own = np.concatenate(voxels), np.concatenate(none)
+        frames = np.split(read["label"], read["offset"][1:-1])
+        none += [len(frame) - np.count_nonzero(frame) for frame in frames]
+    of, own = np.concatenate(voxels), np.array(none)
     share = own.sum() / max(int(of.sum()), 1)
     if share < _TOLD:
         return []
@@ -344,54 +290,6 @@ def _label_notes(place: Place, labels: Sequence[Written]) -> list[str]:
         f"({_ranges(frames)}): what stands beside the performer, is held in a hand, or is far from "
         "the body."
     ]
-
-
-def _provenances(
-    blocks: Blocks, settings: dict[str, dict[str, Any]], capture: str, digest: str
-) -> dict[str, Provenance]:
-    """Return where the arrays of each stage come from; the digest of blocks is that of theirs."""
-    made: dict[str, Provenance] = {}
-    inputs = {capture: digest}
-    for stage, parts in blocks.items():
-        made[stage] = Provenance(
-            stage,
-            settings.get(stage, {}),
-            dict(inputs),
-            seconds=sum(part.seconds for part in parts),
-        )
-        together = hashlib.sha256("".join(part.block.sha256 for part in parts).encode())
-        inputs[stage] = together.hexdigest()
-    return made
-
-
-def _offsets(place: Place, blocks: Blocks) -> dict[str, NDArray[np.int64]]:
-    """Return where the runs, voxels and surface voxels of each frame begin, and the last end."""
-    sizes: dict[str, list[NDArray[np.int64]]] = {"run": [], "voxel": [], "surface": []}
-    for written in blocks["carving"]:
-        runs = read_block(place, written.block)
-        total = np.concatenate([[0], np.cumsum(runs["length"], dtype=np.int64)])
-        sizes["run"].append(np.diff(runs["offset"]))
-        sizes["voxel"].append(np.diff(total[runs["offset"]]))
-    for written in blocks["coloring"]:
-        sizes["surface"].append(np.diff(read_block(place, written.block, ["offset"])["offset"]))
-    return {
-        over: np.concatenate([[0], np.cumsum(np.concatenate(parts))])
-        for over, parts in sizes.items()
-    }
-
-
-def _arrays(place: Place, parts: Sequence[Written], name: str) -> Iterator[NDArray]:
-    """Yield an array of block after block."""
-    return (read_block(place, part.block, [name])[name] for part in parts)
-
-
-def _unpacked(place: Place, parts: Sequence[Written], columns: int) -> Iterator[NDArray[np.bool_]]:
-    """Yield the silhouettes of some frames after another."""
-    for part in parts:
-        packed = read_block(place, part.block, ["silhouette"])["silhouette"]
-        for first in range(0, len(packed), 8):
-            bits = np.unpackbits(packed[first : first + 8], axis=-1, count=columns)
-            yield bits.view(np.bool_)
 
 
 def _empty_notes(empty: NDArray[np.intp], frames: int) -> list[str]:

@@ -36,6 +36,7 @@ from tests.benchmarks.carving_peers import (
     project_whole_arrays,
     visit_every_voxel,
 )
+from tests.benchmarks.history import keep_ratios
 
 SETTINGS = CarvingSettings(min_cameras=MIN_CAMERAS)
 NAMES = ("plain", "kimono", "spin", "martial")
@@ -70,6 +71,7 @@ def main() -> None:
         figures += scene_rows(scene)
     for line in [("what", "shosa", "peer", "ratio", "target"), *figures]:
         sys.stdout.write("{:66} {:>10} {:>10} {:>8}  {}\n".format(*line))
+    keep_ratios("carving", {line[0]: float(line[3]) for line in figures if line[3]})
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from storage.formats.motion.bvh import read_bvh, write_bvh
+from tests.benchmarks.history import keep_ratios
 
 ROUNDS = 5
 BONES, FRAMES, RATE_HZ = 40, 4000, 120.0
@@ -39,6 +40,7 @@ def main() -> None:
         f"reading {megabytes:.1f} MB of BVH : numpy reading its numbers  {ours:.3f} s : "
         f"{peer:.3f} s = {ours / peer:.2f} (target <= {TARGET:g})\n"
     )
+    keep_ratios("reading", {"numpy reading the numbers of BVH": peer / ours})
 
 
 def write_swaying(path: Path) -> Path:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from tasks.retrieval.searching import Query, search_takes
 from tasks.retrieval.segments import PackedTake
 from tasks.retrieval.warping import warp
+from tests.benchmarks.history import keep_ratios
 from tests.benchmarks.motions import (
     SETTINGS,
     compared_rows,
@@ -66,6 +67,7 @@ def main() -> None:
             f"{line['what']:64} {line['shosa']:>14} {line['peer']:>14} {line['ratio']:>8}  "
             f"{line['target']}\n"
         )
+    keep_ratios("search", {line["what"]: float(line["ratio"]) for line in figures if line["ratio"]})
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tasks.capture.backgrounds import make_background
 from tasks.reconstruction.silhouettes import SilhouetteSettings, extract_silhouettes
+from tests.benchmarks.history import keep_ratios
 
 CAMERAS, FRAMES, ROWS, COLUMNS = 8, 30, 240, 320
 REPEATS = 5
@@ -60,6 +61,8 @@ def main() -> None:
     rows["MOG2 (peer)"] = milliseconds(lambda: [peer.apply(frame, None, 0) for frame in frames])
     json.dump({"milliseconds_of_8_cameras": rows}, sys.stdout, indent=2)
     sys.stdout.write("\n")
+    peer_ms = rows.pop("MOG2 (peer)")
+    keep_ratios("silhouettes", {f"MOG2, {rule}": peer_ms / ms for rule, ms in rows.items()})
 
 
 if __name__ == "__main__":

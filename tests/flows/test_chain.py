@@ -1,5 +1,7 @@
 """The chain of stages without Prefect: what is computed anew, and the paper's method whole."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from flows import chain
 from storage import create_archive
 from storage.blocks import read_block
 from storage.formats.capture.capture import read_capture
+from storage.places import list_files
 from storage.publication import verify_take
 from storage.recordings import Recording, digest_capture
 from storage.schema import SEGMENTS
@@ -16,6 +19,7 @@ from tasks.engine.compiling import read_list
 from tasks.engine.fingerprints import fingerprint
 from tasks.settings import Settings, read_settings
 from tasks.takes.assembling import assemble_take
+from tasks.takes.beginning import GivenUpError, begin_take, beginning_beside
 from tasks.takes.publishing import publish_take
 from tests.figures.posed_captures import film_posed
 from tests.kernels import called_kernels
@@ -115,6 +119,59 @@ def test_a_take_without_provisional_labels_is_whole(posed, digitize):
     frame = archive.take("without").voxels(FRAMES - 1)
     assert len(np.unique(frame.label)) == len(SEGMENTS)
     assert "provisional_label" not in frame
+
+
+def test_a_version_that_was_begun_beside_the_poses_is_the_one_that_is_written_at_once(
+    posed, digitize
+):
+    archive, recording = posed
+    blocks, _ = digitize()
+    named = (archive.location, recording.path, recording.digest, "begun")
+    with beginning_beside(*named, {}) as begin:
+        early = begin({stage: blocks[stage] for stage in ("silhouettes", "carving", "coloring")})
+        assert begin(blocks) is early
+        rest = {"settings": {}, "changed": {}, "code": "", "notes": []}
+        drafts = [
+            assemble_take(*named, blocks, **rest, begun=early.result()),
+            assemble_take(*named, blocks, **rest),
+        ]
+    assert drafts[0]["version"] == early.result().version != drafts[1]["version"]
+    written = [
+        {name: file for name, file in draft["files"].items() if "/c/" in name} for draft in drafts
+    ]
+    assert written[0] == written[1]
+    assert {name.split("/c/")[0] for name in written[0]} >= {"voxels/label", "voxels/color"}
+    assert drafts[0]["files"].keys() == drafts[1]["files"].keys()
+
+
+@pytest.mark.parametrize("begun", [False, True], ids=["not begun", "begun"])
+def test_nothing_is_left_of_a_version_whose_poses_failed(posed, digitize, begun):
+    archive, recording = posed
+    blocks, _ = digitize()
+    named = (archive.location, recording.path, recording.digest, "failed")
+
+    def fail():
+        with beginning_beside(*named, {}) as begin:
+            if begun:
+                begin(blocks)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert list_files(archive.place, "takes/failed") == []
+
+
+def test_a_version_that_is_given_up_is_not_written_to_its_end(posed, digitize):
+    archive, recording = posed
+    blocks, _ = digitize()
+    given_up = threading.Event()
+    given_up.set()
+    with pytest.raises(GivenUpError, match="not wanted"):
+        begin_take(
+            archive.location, recording.path, recording.digest, "given-up", blocks, {},
+            given_up=given_up,
+        )  # fmt: skip
+    assert list_files(archive.place, "takes/given-up") == []
 
 
 def test_another_rule_of_silhouettes_is_another_take_altogether(digitize):

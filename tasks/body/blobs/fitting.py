@@ -6,8 +6,10 @@ they find voxels that are far away. A blob pulls with at most a multiple of its 
 the cloth around it does not pull more than the body.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -169,7 +171,7 @@ def fit_frame(
     steps, widening
         Instead of those of the settings.
     """
-    stiffness = np.stack([settings.foreseen * _FORESEEN, settings.rest * _REST], 1)
+    stiffness = _stiffness(settings)
     limits = model.limits * np.array([1, settings.limit, 1, 1, 1, 1, 1, 1, 1.0])
     root, rotation = start.root.copy(), start.rotation.copy()
     mass = np.empty(len(model.blobs.bone))
@@ -190,6 +192,12 @@ def fit_frame(
     whole = np.bincount(blobs.bone, blobs.share, len(BONES))
     relative = likelihood - np.log(settings.nobody)
     return Fit(Pose(root, rotation), relative, held / np.maximum(whole, _NOT_ZERO))
+
+
+@cache
+def _stiffness(settings: FitSettings) -> Floats:
+    """Return (bone, 2) how much the foreseen and the initial turn of each bone weigh."""
+    return np.stack([settings.foreseen * _FORESEEN, settings.rest * _REST], 1)
 
 
 def _pack(model: FitModel, voxels: Voxels) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -351,7 +359,7 @@ def target_distances(model: FitModel, pose: Pose, targets: Sequence[Target]) -> 
     """Return (target,) how far points of the body are from where they were seen, m."""
     joints = place_bones(pose, model.origin)
     away = [joints[t.bone] + pose.rotation[t.bone] @ t.offset - t.place for t in targets]
-    return np.array([np.linalg.norm(each) for each in away], np.float64)
+    return np.array([math.sqrt(each @ each) for each in away], np.float64)
 
 
 def penalized_likelihood(model: FitModel, fit: Fit, targets: Sequence[Target]) -> float:

@@ -88,7 +88,11 @@ def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: 
         excess += along[a] * limit[4 + a]
     if excess <= 0:
         return
-    slope = _on(frame, np.cross(along, limit[4:7]))
+    across = np.empty(3)  # as numpy's cross, which takes a second to compile
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        across[a] = along[b] * limit[4 + c] - along[c] * limit[4 + b]
+    slope = _on(frame, across)
     for a in range(3):
         right[3 + 3 * k + a] -= limit[0] * excess * slope[a]
         for b in range(3):

@@ -226,11 +226,13 @@ def _fit_arms(
         out = (2 * side - 1) * aside
         slab = np.floor(out / voxel_m).astype(int)
         first, last = int(ARM_BEGINS * half / voxel_m), int(half / voxel_m)
+        order = np.argsort(slab, kind="stable")
+        begins = np.searchsorted(slab[order], np.arange(first, last + 1))
         found, hidden = [], 0
-        for number in range(first, last):
-            here = slab == number
-            if here.sum() < 4:
+        for number, begin, end in zip(range(first, last), begins, begins[1:], strict=False):
+            if end - begin < 4:
                 continue
+            here = order[begin:end]
             height = upper[here, 1]
             low, high = np.percentile(height, [2, 98])
             if high - low < thickest:

@@ -203,7 +203,8 @@ def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, v
     lower = np.empty(len(back))
     half = (_CUBE - 1) / 2
     for line in range(len(lines)):
-        x, y, z, n = lines[line, X], lines[line, Y], lines[line, Z], lines[line, FIRST]
+        x, y, z = np.int64(lines[line, X]), np.int64(lines[line, Y]), np.int64(lines[line, Z])
+        n = lines[line, FIRST]
         i, j = (x - low[0]) // _CUBE, (y - low[1]) // _CUBE
         stop = z + lines[line, LENGTH]
         while z < stop:
@@ -224,7 +225,7 @@ def _find_nearest(lines: Any, back: Any, boxes: Any, distance: Any, unit: Any, v
                     nearest[n + m] = value[first]
             else:
                 for m in range(1, size - 1, 2):
-                    pair = (x, y, z + m, 1)
+                    pair = (x, y, z + m, np.int64(1))
                     one, other = _look(pair, near, known, back, boxes, distance)
                     nearest[n + m] = value[one]
                     if m + 1 < size - 1:

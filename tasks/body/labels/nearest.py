@@ -86,7 +86,8 @@ def _copy(lines: Any, before: Any, label: Any, around: Any, copied: Any) -> None
     corners = _boxes_of(before)
     key = np.empty(_longest(lines), np.int64)
     for line in range(len(lines)):
-        x, y, z, n = lines[line, X], lines[line, Y], lines[line, Z], lines[line, FIRST]
+        x, y, z = np.int64(lines[line, X]), np.int64(lines[line, Y]), np.int64(lines[line, Z])
+        n = lines[line, FIRST]
         end = z + lines[line, LENGTH]
         old = last = 0
         if 0 <= x - box[0] < box[2] and 0 <= y - box[1] < box[3]:
@@ -123,8 +124,9 @@ def _fill(lines: Any, label: Any, around: Any) -> None:
     corners = _boxes_of(labeled)
     key = np.empty(_longest(lines), np.int64)
     for line in np.flatnonzero(is_lost):
-        size, n = lines[line, LENGTH], lines[line, FIRST]
-        voxel = (lines[line, X], lines[line, Y], lines[line, Z], size)
+        x, y, z = np.int64(lines[line, X]), np.int64(lines[line, Y]), np.int64(lines[line, Z])
+        size, n = np.int64(lines[line, LENGTH]), lines[line, FIRST]
+        voxel = (x, y, z, size)
         if not _find_nearest(voxel, labeled, start, box, around, key):
             _find_far(voxel, labeled, corners, key)
         for k in range(size):
@@ -187,7 +189,8 @@ def _find_nearest(voxels: Any, lines: Any, start: Any, box: Any, around: Any, ke
             return True
         i, j = x + around[k, 0] - box[0], y + around[k, 1] - box[1]
         if 0 <= i < box[2] and 0 <= j < box[3]:
-            for line in range(start[i * box[3] + j], start[i * box[3] + j + 1]):
+            column = i * box[3] + j
+            for line in range(np.int64(start[column]), np.int64(start[column + 1])):
                 ahead = np.int64(z - lines[line, Z])
                 gap = max(1 - ahead - size, ahead - lines[line, LENGTH] + 1)
                 if gap <= 0 or beside + (gap * gap << _BITS) <= most:

@@ -299,7 +299,7 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
 @njit(cache=True, nogil=True)
 def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
     """Write the voxels beside what a label has left of its stretches; return how many they are."""
-    size = 0
+    size = np.int64(0)
     for s in range(len(stretch)):
         begin, end = stretch[s, 0], stretch[s, 0] + stretch[s, 1]
         is_open = np.uint8(0)
@@ -319,7 +319,7 @@ def _add_gained(box: Any, step: Any, own: Any, gained: Any, ring: Any, marks: An
     voxels, size = ring
     kept = 0
     for m in range(end):
-        voxel = member[m]
+        voxel = np.int64(member[m])
         if box[voxel] == own:  # was not taken since
             member[kept] = voxel
             kept += 1

@@ -111,7 +111,7 @@ def _clean(label: Any, lines: Any) -> Any:
             if best < 0 or size[seen] > size[best]:
                 largest[stretch[s, _VALUE]] = seen
             seen += 1
-    waiting = 0
+    waiting = np.int64(0)
     for s in range(len(stretch)):
         if region[s] < 0 or region[s] != largest[stretch[s, _VALUE]]:
             count = stretch[s, _END] - stretch[s, _Z]

@@ -11,6 +11,7 @@ the poses of its neighbors.
 
 import logging
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -249,11 +250,13 @@ def fit_in_passes(
 
 def _follow_both_ways(take: Fitting, initial_frame: int, rest: Pose) -> list[Fit]:
     """Return the fits of all frames, followed from the initial one to the end and the beginning."""
-    share = (take.frames - initial_frame) / (take.frames + 1)
-    with within(0.0, share):
-        there = follow(take, range(initial_frame, take.frames), rest)
-    with within(share, 1.0):
-        before = follow(take, range(initial_frame, -1, -1), rest)
+    ways = range(initial_frame, take.frames), range(initial_frame, -1, -1)
+    longer = int(len(ways[1]) > len(ways[0]))
+    with ThreadPoolExecutor(1) as beside:
+        other = beside.submit(follow, take, ways[1 - longer], rest)
+        fits = [follow(take, ways[longer], rest)]  # who listens hears of this one
+        fits.insert(1 - longer, other.result())
+    there, before = fits
     return [*before[:0:-1], *there]
 
 

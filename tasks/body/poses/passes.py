@@ -231,20 +231,19 @@ class Fitting:
 
     def targets(self, frame: int) -> list[Target]:
         """Return where face, hands and feet were seen in a frame."""
-        found: list[Target] = []
         if self.cues is None or self.placed is None:
-            return found
-        pulls = self.settings
+            return []
+        pulls, cues = self.settings, self.cues[frame]
         pull = (pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2)
         scale = _STATURE_OF_PULLS_M / self.model.stature
-        for i, k in enumerate(_CUE_BONES):
-            offset = self.placed[i] - self.model.origin[k]
-            place = self.cues[frame, i]
-            sure = 1.0 if self.cue_weights is None else self.cue_weights[frame, i]
-            if np.isfinite(offset).all() and np.isfinite(place).all() and sure > 0:
-                within = self.settings.pull_within * self.model.stature
-                found.append(Target(k, offset, place, pull[i] * sure * scale**2, within))
-        return found
+        within = pulls.pull_within * self.model.stature
+        offset = self.placed - self.model.origin[list(_CUE_BONES)]
+        sure = np.ones(len(cues)) if self.cue_weights is None else self.cue_weights[frame]
+        known = np.isfinite(offset + cues).all(axis=1) & (sure > 0)
+        return [
+            Target(_CUE_BONES[i], offset[i], cues[i], pull[i] * sure[i] * scale**2, within)
+            for i in np.flatnonzero(known).tolist()
+        ]
 
 
 def follow(take: Fitting, frames: Sequence[int], start: Pose) -> list[Fit]:

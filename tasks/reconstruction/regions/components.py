@@ -67,7 +67,7 @@ def _find_runs(region: Any, inside: Any, reach: Any, runs: Any) -> Any:
 
     Runs of neighboring rows are joined where they overlap, with a reach of 1 also diagonally.
     """
-    count = above = begin = 0
+    count = above = begin = np.int64(0)
     for row in range(region.shape[0]):
         above, above_end, begin = begin, count, count
         column = 0

@@ -94,9 +94,9 @@ def _look_at(camera: Any, shape: Any) -> Any:
     axes[2] = (shape - 1.0) / 2.0 - camera
     axes[2] /= max(np.sqrt((axes[2] ** 2).sum()), _NOT_ZERO)
     axes[0, np.argmin(np.abs(axes[2]))] = 1.0
-    axes[0] = np.cross(axes[2], axes[0])
+    axes[0] = _across(axes[2], axes[0])
     axes[0] /= np.sqrt((axes[0] ** 2).sum())
-    axes[1] = np.cross(axes[2], axes[0])
+    axes[1] = _across(axes[2], axes[0])
     low, high, nearest, deepest = np.full(2, np.inf), np.full(2, -np.inf), np.inf, 0.0
     for corner in range(8):
         seen = np.zeros(3)
@@ -114,6 +114,16 @@ def _look_at(camera: Any, shape: Any) -> Any:
     first, last = low * fine - _MARGIN, high * fine + _MARGIN
     cells = (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
     return axes, cells, deepest
+
+
+@njit(cache=True, nogil=True)
+def _across(one: Any, other: Any) -> Any:
+    """Return (3,) what is at right angles to two vectors, as numpy's cross, which compiles long."""
+    across = np.empty(3)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        across[k] = one[i] * other[j] - one[j] * other[i]
+    return across
 
 
 @njit(cache=True, nogil=True)

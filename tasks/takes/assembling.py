@@ -86,7 +86,8 @@ def assemble_take(
     notes
         What was found on the way, a sentence each.
     begun
-        The version, where what needs no pose of it is written; by default a new one.
+        The version, where what needs no pose of it is written; by default, or where it was removed
+        since, a new one.
 
     Returns
     -------
@@ -107,7 +108,8 @@ def assemble_take(
         seconds = sum(part.seconds for part in parts)
         frames = parts[-1].block.end - parts[0].block.start
         logger.info("%s: %s: %d frames, %.1f s", take, stage.replace("_", " "), frames, seconds)
-    begun = begun or begin_take(archive, capture, digest, take, blocks, settings)
+    if begun is None or not begun.is_there(place, take):
+        begun = begin_take(archive, capture, digest, take, blocks, settings)
     version, empty = begun.version, np.flatnonzero(np.diff(begun.offsets["voxel"]) == 0)
     provenances = provenances_of(blocks, settings, capture, digest)
     joints_there: list[str] = []

@@ -21,7 +21,7 @@ from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
 from storage.blocks import Written, read_block
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, capture_of
-from storage.places import Place
+from storage.places import Place, list_files
 from storage.provenance import Provenance
 from storage.publication import discard_version, new_version, version_folder
 from storage.schema import NO_CAMERA
@@ -47,6 +47,12 @@ class Begun:
     offsets: Mapping[str, NDArray[np.int64]]
     """(frame + 1,) by `run`, `voxel` and `surface`: where those of each frame begin, and the last
     end."""
+    files: frozenset[str]
+    """What was written, as paths of the archive."""
+
+    def is_there(self, place: Place, take: str) -> bool:
+        """Say whether all of it is still there: after a day, `gc` takes it for left behind."""
+        return self.files <= _files(place, take, self.version)
 
 
 def begin_take(
@@ -95,7 +101,7 @@ def begin_take(
     except BaseException:
         discard_version(place, take, version)
         raise
-    return Begun(version, offsets)
+    return Begun(version, offsets, _files(place, take, version))
 
 
 @contextmanager
@@ -134,6 +140,11 @@ def beginning_beside(
                 if each.exception() is None:
                     discard_version(open_archive(archive).place, take, each.result().version)
             raise
+
+
+def _files(place: Place, take: str, version: str) -> frozenset[str]:
+    """Return the paths of the files of a version."""
+    return frozenset(file.path for file in list_files(place, version_folder(take, version)))
 
 
 def provenances_of(

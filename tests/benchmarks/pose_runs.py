@@ -21,7 +21,7 @@ from tasks.geometry.voxels import join_runs, voxel_centers
 from tasks.reconstruction.silhouettes import extract_block
 from tasks.reconstruction.voxel_frames import VoxelFrames
 from tasks.settings import Settings
-from tasks.takes.assembling import Blocks
+from tasks.takes.beginning import Blocks
 from tests.benchmarks.pose_scores import joint_errors, label_accuracy, score_joints
 
 SCORED_EVERY = 5

@@ -9,7 +9,7 @@ from flows import chain
 from storage import create_archive
 from storage.blocks import read_block
 from storage.formats.capture.capture import read_capture
-from storage.places import list_files
+from storage.places import delete_files, list_files
 from storage.publication import verify_take
 from storage.recordings import Recording, digest_capture
 from storage.schema import SEGMENTS
@@ -142,6 +142,19 @@ def test_a_version_that_was_begun_beside_the_poses_is_the_one_that_is_written_at
     assert written[0] == written[1]
     assert {name.split("/c/")[0] for name in written[0]} >= {"voxels/label", "voxels/color"}
     assert drafts[0]["files"].keys() == drafts[1]["files"].keys()
+
+
+def test_a_version_of_which_something_was_removed_meanwhile_is_written_anew(posed, digitize):
+    archive, recording = posed
+    blocks, _ = digitize()
+    named = (archive.location, recording.path, recording.digest, "removed")
+    begun = begin_take(*named, blocks, {})
+    delete_files(archive.place, [sorted(begun.files)[len(begun.files) // 2]])
+    rest = {"settings": {}, "changed": {}, "code": "", "notes": []}
+    draft = assemble_take(*named, blocks, **rest, begun=begun)
+    assert draft["version"] != begun.version
+    publish_take(archive.location, draft, over=0)
+    assert verify_take(archive.place, "removed") == []
 
 
 @pytest.mark.parametrize("begun", [False, True], ids=["not begun", "begun"])

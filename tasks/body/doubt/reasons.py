@@ -40,8 +40,8 @@ class DoubtSettings:
 
     doubtful: Share = 0.06
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    captures left out of the learning it found 0.83 of the wrong frames, and 0.28 of the frames that
-    it named were wrong; 0.05 has 0.86 and 0.26, 0.08 has 0.73 and 0.30."""
+    captures left out of the learning it found 0.82 of the wrong frames, and 0.28 of the frames that
+    it named were wrong; 0.04 has 0.92 and 0.23, 0.08 has 0.73 and 0.30, 0.25 has 0.50 and 0.47."""
 
     other_cause: Share = 0.25
     """How doubtful each segment is at least where the body was measured with little confidence,

@@ -122,11 +122,11 @@ def test_takes_that_cannot_be_guessed_are_refused_with_the_reason(danced, fault)
         "few frames": ([body] * 9, "9 of the frames looked at show one whole person"),
         "two people": (
             [body | np.roll(body, 60, axis=0)] * 12,
-            "0 of the frames .*; in frame 0 there are two large pieces of .* as of two people",
+            "0 of the frames .*: in frame 0 there are two large pieces of .* as of two people",
         ),
         "half outside": (
             [np.roll(body, -int(np.argwhere(body)[:, 0].min()), axis=0)] * 12,
-            "0 of the frames .*; in frame 0 the performer is partly outside the volume",
+            "0 of the frames .*: in frame 0 the performer is partly outside the volume",
         ),
     }[fault]
     source = SimpleNamespace(fps=30.0, stature_m=None)

@@ -99,16 +99,17 @@ def _reduced(
     """Return silhouettes smaller by a whole factor (a pixel is what most of it was)."""
     time, cameras, rows, columns = silhouettes.shape
     size = -(-projection.image_size // factor)
-    padded = np.zeros((time, cameras, -(-rows // factor) * factor, -(-columns // factor) * factor))
-    padded[:, :, :rows, :columns] = silhouettes
-    blocks = padded.reshape(
-        time, cameras, padded.shape[2] // factor, factor, padded.shape[3] // factor, factor
-    )
+    high, wide = -(-rows // factor), -(-columns // factor)
+    small = np.empty((time, cameras, high, wide), np.bool_)
+    padded = np.zeros((cameras, high * factor, wide * factor), np.bool_)
+    for frame, silhouette in enumerate(silhouettes):  # of large pictures not all at once
+        padded[:, :rows, :columns] = silhouette
+        blocks = padded.reshape(cameras, high, factor, wide, factor)
+        small[frame] = blocks.mean(axis=(2, 4)) >= _FILLED
     inner = projection.intrinsics.copy()
     inner[:, :2] /= factor
     inner[:, :2, 2] += 0.5 / factor - 0.5
-    small = Projection(projection.camera_from_world, inner, projection.distortion, size)
-    return blocks.mean(axis=(3, 5)) >= _FILLED, small
+    return small, Projection(projection.camera_from_world, inner, projection.distortion, size)
 
 
 def measure_voxel_consistency(

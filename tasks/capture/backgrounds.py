@@ -76,6 +76,14 @@ class Background:
         red, green, blue = np.moveaxis(self.color[::_STEP, ::_STEP], -1, 0)
         return red + green + blue
 
+    @cached_property
+    def planes(self) -> NDArray[np.float32]:
+        """(4, row, column), red, green and blue, and their sum."""
+        planes = np.empty((4, *self.color.shape[:2]), np.float32)
+        planes[:3] = self.color.transpose(2, 0, 1)
+        planes[3] = planes[0] + planes[1] + planes[2]
+        return planes
+
 
 def smooth(image: NDArray[np.uint8], into: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
     """Return a picture (row, column, 3) smoothed by 1-2-1 in rows and in columns.

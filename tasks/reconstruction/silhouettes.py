@@ -43,7 +43,7 @@ from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.colorless import expect_performer, has_no_color
 from tasks.reconstruction.regions.components import clean_region
-from tasks.reconstruction.regions.differences import Held, differ_in_chroma, differ_in_color
+from tasks.reconstruction.regions.differences import Planes, differ_in_chroma, differ_in_color
 from tasks.reconstruction.regions.holes import fill_holes
 from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.outlines import draw_outline
@@ -173,7 +173,7 @@ def extract_silhouettes(
     """
     _check_frames(frames, background)
     silhouettes = np.zeros(frames.shape[:3], np.bool_)
-    held = Held(background)
+    held = Planes(background)
     for n, (frame, silhouette) in enumerate(zip(frames, silhouettes, strict=True)):
         image = smooth(frame, held.planes)
         seed = _seed(image, background, held, settings)
@@ -253,7 +253,7 @@ def _check_frames(frames: NDArray[Any], background: Background) -> None:
 
 
 def _seed(
-    image: NDArray[np.uint8], background: Background, held: Held, settings: SilhouetteSettings
+    image: NDArray[np.uint8], background: Background, held: Planes, settings: SilhouetteSettings
 ) -> NDArray[np.uint8]:
     """Return the pixels that may show the performer: 1, the others 0."""
     if settings.rule == "crcb":
@@ -277,7 +277,7 @@ def _seed(
 def _outlined(
     seed: NDArray[np.uint8],
     corner: tuple[int, int],
-    held: Held,
+    held: Planes,
     least: tuple[float, float],
     settings: SilhouetteSettings,
     expected: NDArray[np.bool_] | None,

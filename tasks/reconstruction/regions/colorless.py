@@ -21,7 +21,7 @@ from tasks.geometry.projection import Projection, camera_centers, nearest_pixels
 from tasks.geometry.voxels import VoxelGrid, voxel_centers, voxel_index
 from tasks.reconstruction.boxes.bits import read_bits
 from tasks.reconstruction.boxes.carving import carve_boxes
-from tasks.reconstruction.regions.differences import Held, differ_in_color
+from tasks.reconstruction.regions.differences import Planes, differ_in_color
 
 _STEP = 6
 """From a pixel to the next one that tells color and noise of a picture, in rows and columns [px].
@@ -130,7 +130,7 @@ def what_differs(film: NDArray[np.uint8], background: Background) -> NDArray[np.
     background
         Of the same camera.
     """
-    held, differs = Held(background), np.empty(film.shape[:3], np.bool_)
+    held, differs = Planes(background), np.empty(film.shape[:3], np.bool_)
     behind = background.color[::_STEP, ::_STEP]
     none = np.zeros_like(background.noise)
     for frame, into in zip(film, differs, strict=True):

@@ -30,14 +30,12 @@ _CB_OF_BLUE = np.float32(0.564)
 """Factor from the difference of blue and luma to Cb [factor]. ITU-R BT.601: 0.5 / (1 - 0.114)."""
 
 
-class Held:
+class Planes:
     """Arrays of the size of a picture, made once: the system takes its time to hand them out."""
 
     def __init__(self, background: Background) -> None:
         size = background.color.shape[:2]
-        self.behind = np.empty((4, *size), np.float32)
-        self.behind[:3] = background.color.transpose(2, 0, 1)
-        self.behind[3] = self.behind[0] + self.behind[1] + self.behind[2]
+        self.behind = background.planes
         self.planes = np.empty((3, *size), np.uint8)
         self.seed = np.empty(size, np.uint8)
 

@@ -23,7 +23,7 @@ from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS, parse_frames
 from tasks.motion.importing import ImportSettings, import_take
 from tasks.motion.stature import joints_present
-from tasks.retrieval import answering
+from tasks.retrieval import archive_search
 from tasks.retrieval.indexing import index_take
 from tasks.retrieval.normalization import pack_motion
 from tasks.retrieval.searching import Found, Match, SearchSettings, clip_take, search_takes
@@ -216,11 +216,11 @@ def test_the_index_changes_no_answer(archive, capsys):
 def test_a_search_that_is_interrupted_says_what_it_found_until_then(archive, capsys, monkeypatch):
     found = [Match("okuri49", 3, 33, 0.01), Match("okuri48", 5, 40, 0.25)]
 
-    def search(*_):
+    def search(*_, **__):
         yield Found(found, {}, certain_below=0.1)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(answering, "search_gradually", search)
+    monkeypatch.setattr(archive_search, "search_gradually", search)
     code, out, err = run(capsys, "search", archive, "okuri48:20-50")
     assert (code, out) == (INTERRUPTED, "")
     assert "stopped early; of the 2 matches until then 1 are certain:" in err

@@ -87,7 +87,7 @@ def exchange_by_colors(
     kept, gains = list(fits), gains.copy()
     least = max(2, round(_LEAST_S * take.rate_hz))
     for pair in range(2):
-        mark = _mark(take, kept, pair, initial_frame)
+        mark, exchanged = _mark(take, kept, pair, initial_frame), False
         for first, last in runs(mark < 0.0):
             if last - first < least or mark[first:last].min() > _SURELY:
                 continue
@@ -98,10 +98,11 @@ def exchange_by_colors(
             gain = np.mean([fit.likelihood for fit in other])
             gain -= np.mean([fit.likelihood for fit in kept[first:last]])
             if gain > -_WORSE:
-                take = crossed
+                take, exchanged = crossed, True
                 kept[first:last] = other
                 gains[first:last, pair] = -gain
-        mark = _mark(take, kept, pair, initial_frame)
+        if exchanged:
+            mark = _mark(take, kept, pair, initial_frame)
         right, wrong = mark > -_SURELY, mark < _SURELY
         gains[right, pair] = np.minimum(gains[right, pair], _NOT_SO)
         gains[wrong, pair] = np.maximum(gains[wrong, pair], 0.0)

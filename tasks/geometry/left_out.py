@@ -6,6 +6,19 @@ from numpy.typing import NDArray
 from tasks.geometry.voxels import VoxelRuns, join_runs, take_frame, voxel_numbers
 
 
+def are_of(number: NDArray[np.integer], things: VoxelRuns, frame: int) -> NDArray[np.bool_]:
+    """Return which voxels of a frame, (voxel,) by their numbers, are of things.
+
+    Parameters
+    ----------
+    things
+        Of any frames.
+    frame
+        Which of these it is.
+    """
+    return np.isin(number, voxel_numbers(take_frame(things, frame)), assume_unique=True)
+
+
 def leave_out(runs: VoxelRuns, kept: NDArray[np.bool_]) -> VoxelRuns:
     """Return the runs of frames without some of their voxels.
 

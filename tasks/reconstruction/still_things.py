@@ -24,14 +24,13 @@ from storage.formats.capture.capture import capture_of
 from storage.formats.capture.initial import read_initial
 from tasks.capture.films import frames_all_over, grid_of
 from tasks.engine.threads import side_by_side
-from tasks.geometry.left_out import leave_out
+from tasks.geometry.left_out import are_of, leave_out
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
     decode_runs,
     encode_runs,
     join_runs,
-    take_frame,
     voxel_centers,
     voxel_index,
     voxel_numbers,
@@ -249,7 +248,9 @@ def find_still_take(
 
     def without_others(frame: int) -> VoxelRuns:
         hull = without_still(frame)
-        return hull if others is None else leave_out(hull, ~_is_of(hull, others, frame))
+        return (
+            hull if others is None else leave_out(hull, ~are_of(voxel_numbers(hull), others, frame))
+        )
 
     near: NDArray[np.bool_] | None = None
     if still is not None:  # the rim of what stands flickers, and is no rod
@@ -268,14 +269,10 @@ def find_still_take(
     if moving:
         both = join_runs(
             [
-                leave_out(hull, np.any([_is_of(hull, each, frame) for each in moving], axis=0))
+                leave_out(hull, np.any([are_of(own, each, frame) for each in moving], axis=0))
                 for frame, hull in enumerate(map(frames.hull, range(count)))
+                for own in [voxel_numbers(hull)]
             ]
         )
         arrays |= {f"moving_{name}": getattr(both, name) for name in ("start", "length", "offset")}
     return write_block(place, into, (0, count), arrays, begun, notes=(*notes, *said))
-
-
-def _is_of(hull: VoxelRuns, things: VoxelRuns, frame: int) -> NDArray[np.bool_]:
-    """Return which voxels of a single frame are of things, given in all frames."""
-    return np.isin(voxel_numbers(hull), voxel_numbers(take_frame(things, frame)), True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from storage.blocks import Block, read_block
 from storage.places import Place
-from tasks.geometry.left_out import leave_out
+from tasks.geometry.left_out import are_of, leave_out
 from tasks.geometry.voxels import (
     VoxelGrid,
     VoxelRuns,
@@ -133,8 +133,7 @@ class VoxelFrames:
         number = voxel_numbers(take_frame(whole, inside))
         kept = np.ones(len(number), np.bool_) if self._still is None else ~self._still[number]
         if self._moving is not None:
-            own = voxel_numbers(take_frame(self._moving, frame - self.start))
-            kept &= ~np.isin(number, own, assume_unique=True)
+            kept &= ~are_of(number, self._moving, frame - self.start)
         return kept
 
     def _kept_of_block(self, number: int, whole: VoxelRuns) -> NDArray[np.bool_]:

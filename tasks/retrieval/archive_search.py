@@ -5,6 +5,7 @@ given the distance within which the best matches are that were found until then,
 what cannot be one of them. The answer is the same to the last bit.
 """
 
+import itertools
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +16,7 @@ from storage import open_archive
 from storage.errors import ArchiveError, DamagedSegmentError, InputError
 from storage.index.catalogue import Listing
 from storage.index.entries import Entry
-from storage.index.segments import Label, read_label
+from storage.index.segments import read_label
 from storage.places import Place
 from tasks.retrieval.opening import (
     OpenedSegment,
@@ -24,6 +25,7 @@ from tasks.retrieval.opening import (
     open_segments,
     read_doubtful,
     read_lying_takes,
+    searched_labels,
 )
 from tasks.retrieval.searching import Found, Match, Query, SearchSettings, best_matches
 from tasks.retrieval.segment_search import search_gradually
@@ -95,12 +97,22 @@ def search_archive(
         }
     else:
         opened, faults = [], {}
-        for some, lost in _spread(place, listing, wanted, query, settings, cluster):
+        snapshot = listing.snapshot
+        paths = (label.path for label in snapshot.labels)
+        sha256 = dict(zip(paths, snapshot.digests, strict=True))
+        parts = [
+            (
+                (label.path, sha256[label.path]),
+                {entry.take: entry.version for entry in itertools.compress(entries, asked)},
+            )
+            for label, entries, asked in searched_labels(snapshot.labels, wanted)
+        ]
+        for some, lost in _spread(place, parts, query, settings, cluster):
             found.append(some)
             faults |= lost
             if tell is not None:  # what is left may hold nearer ones
                 tell(_best(found, settings.top), 0)
-        held = {name for _, names in _of_labels(listing, wanted) for name in names} - faults.keys()
+        held = {name for _, names in parts for name in names} - faults.keys()
     lying = [entry for entry in searched if entry.take not in held]
     at_once = fit_in_memory(lying)
 
@@ -168,15 +180,17 @@ def search_label(
 
 def _spread(
     place: Place,
-    listing: Listing,
-    wanted: Mapping[str, str],
+    parts: Sequence[tuple[tuple[str, str], Mapping[str, str]]],
     query: Query,
     settings: SearchSettings,
     cluster: Cluster,
 ) -> Iterator[tuple[Found, dict[str, str]]]:
-    """Yield what workers find in each segment, and what could not be read of it."""
+    """Yield what workers find in each segment, and what could not be read of it.
+
+    `parts` are label and takes of each, as of `search_label`.
+    """
     location = str(place.folder.resolve()) if place.folder else place.location
-    waiting = _of_labels(listing, wanted)
+    waiting = iter(parts)
     found: list[Found] = []
     running: set[Future[tuple[Found, dict[str, str]]]] = set()
     try:
@@ -184,13 +198,7 @@ def _spread(
             within = replace(settings, threshold=_within(found, settings))
             # no more than work at a time: what begins later is given a smaller distance
             while len(running) < cluster.at_once and (asked := next(waiting, None)):
-                (label, sha256), names = asked
-                versions = {name: wanted[name] for name in names}
-                running.add(
-                    cluster.workers.submit(
-                        search_label, location, (label.path, sha256), versions, query, within
-                    )
-                )
+                running.add(cluster.workers.submit(search_label, location, *asked, query, within))
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -200,23 +208,6 @@ def _spread(
     finally:
         for each in running:
             each.cancel()
-
-
-def _of_labels(
-    listing: Listing, wanted: Mapping[str, str]
-) -> Iterator[tuple[tuple[Label, str], list[str]]]:
-    """Yield the segments that hold takes that are searched: label, its digest, and the takes."""
-    left = dict(wanted)
-    for label, sha256 in zip(listing.snapshot.labels, listing.snapshot.digests, strict=True):
-        names = [
-            entry.take
-            for entry, samples in zip(label.entries, label.samples, strict=True)
-            if samples > 0 and left.get(entry.take) == entry.version
-        ]
-        for name in names:
-            del left[name]  # no take is searched twice, whatever the labels say
-        if names:
-            yield (label, sha256), names
 
 
 def _within(found: Sequence[Found], settings: SearchSettings) -> float | None:

@@ -57,6 +57,26 @@ class OpenedSegment:
         }
 
 
+def searched_labels(
+    labels: Iterable[Label], wanted: Mapping[str, str]
+) -> list[tuple[Label, list[Entry], NDArray[np.bool_]]]:
+    """Return the labels of segments with takes that are searched, their takes, and which are.
+
+    Parameters are those of `open_segments`.
+    """
+    left = dict(wanted)
+    found = []
+    for label in labels:
+        held = label.samples > 0
+        entries = [entry for entry, is_held in zip(label.entries, held, strict=True) if is_held]
+        searched = [left.get(entry.take) == entry.version for entry in entries]
+        for entry in itertools.compress(entries, searched):
+            del left[entry.take]  # no take is searched twice, whatever the labels say
+        if any(searched):
+            found.append((label, entries, np.array(searched, bool)))
+    return found
+
+
 def open_segments(
     place: Place, labels: Iterable[Label], wanted: Mapping[str, str]
 ) -> tuple[list[OpenedSegment], dict[str, str]]:
@@ -77,15 +97,6 @@ def open_segments(
     faults
         Why takes are in none of them that the index holds, by name.
     """
-    left = dict(wanted)
-
-    def searched_of(label: Label) -> tuple[list[Entry], NDArray[np.bool_]]:
-        held = label.samples > 0
-        entries = [entry for entry, is_held in zip(label.entries, held, strict=True) if is_held]
-        searched = [left.get(entry.take) == entry.version for entry in entries]
-        for entry in itertools.compress(entries, searched):
-            del left[entry.take]  # no take is searched twice, whatever the labels say
-        return entries, np.array(searched, bool)
 
     def open_one(
         label: Label, entries: list[Entry], searched: NDArray[np.bool_]
@@ -112,8 +123,7 @@ def open_segments(
         )
         return OpenedSegment(segment, files)
 
-    found = [(label, *searched_of(label)) for label in labels]
-    found = [each for each in found if each[2].any()]
+    found = searched_labels(labels, wanted)
     if place.folder:
         opened = [open_one(*each) for each in found]
     else:

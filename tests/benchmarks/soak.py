@@ -69,7 +69,7 @@ def soak(folder: Path, options: argparse.Namespace) -> list[str]:
     begin, kills = time.perf_counter(), Counter[str]()
     seen, since = 0, time.monotonic()
     try:
-        for there, kills in drop_and_kill(folder, options, url, wanted):  # noqa: B007
+        for there, kills in drop_and_kill(folder, options, url, wanted):  # noqa: B007 - told after it
             if len(there) != seen:
                 seen, since = len(there), time.monotonic()
             if serve.poll() is not None or (seen and time.monotonic() - since > HANGING_S):

@@ -231,6 +231,11 @@ def voxel_index(runs: VoxelRuns, frame: int, *, first: int = 0, step: int = 1) -
     return index
 
 
+def run_index(one: VoxelRuns) -> NDArray[np.int64]:
+    """Return (run, 3) the index of the first voxel of each run of a single frame."""
+    return np.stack(np.unravel_index(one.start.astype(np.int64), one.shape), axis=1)
+
+
 def padded_crop(
     runs: VoxelRuns, frame: int, *, margin: int = 1
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:

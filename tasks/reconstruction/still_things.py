@@ -37,6 +37,7 @@ from tasks.geometry.voxels import (
 )
 from tasks.reconstruction.regions.held import find_held
 from tasks.reconstruction.regions.others import find_others
+from tasks.reconstruction.regions.pieces import pieces_of_runs
 from tasks.reconstruction.voxel_frames import VoxelFrames
 
 _LOOKED_AT = 48
@@ -94,7 +95,8 @@ def find_still_things(hulls: Sequence[VoxelRuns], grid: VoxelGrid) -> VoxelRuns:
         Their grid.
     """
     size = int(np.prod(grid.shape))
-    nothing = encode_runs(np.zeros((1, *grid.shape), np.bool_))
+    none = np.zeros(0, np.uint32), np.zeros(0, np.uint16)
+    nothing = VoxelRuns(*none, np.zeros(2, np.int64), grid.shape)
     numbers = [voxel_numbers(hull) for hull in hulls]
     if sum(len(own) > 0 for own in numbers) < _LEAST_APART:
         return nothing
@@ -118,18 +120,14 @@ def _in_still_pieces(
 
     `stays` is (voxel,) the share of frames in which each voxel is occupied.
     """
-    index = voxel_index(hull, 0)
-    cell = index // max(1, round(_CELL_M / grid.voxel_m))
-    cell -= cell.min(axis=0)
-    crop = np.zeros(cell.max(axis=0) + 1, np.uint8)
-    crop[tuple(cell.T)] = 1
-    piece = np.asarray(cc3d.connected_components(crop, connectivity=26))[tuple(cell.T)]
+    piece_of_run = pieces_of_runs(hull, max(1, round(_CELL_M / grid.voxel_m)))
+    piece = np.repeat(piece_of_run, hull.length)
     size = np.bincount(piece)
     stay = np.bincount(piece, weights=stays) / np.maximum(size, 1)
     large = size * grid.voxel_m**3
     may_be = np.flatnonzero(large >= _PERFORMER_M3)
     if not len(may_be):
-        return np.zeros(len(index), np.bool_)
+        return np.zeros(len(piece), np.bool_)
     still = (stay > _STILL) & (large >= _LEAST_M3 / 2)
     still[min(may_be, key=lambda number: (stay[number], -size[number]))] = False
     return still[piece]

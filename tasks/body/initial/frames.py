@@ -22,8 +22,8 @@ from tasks.body.initial.held_hulls import (
     held_crop,
     pieces_of_body,
 )
-from tasks.engine.progress import report
 from tasks.engine.settings import Count, Positive, Share, check_ranges
+from tasks.engine.threads import side_by_side
 from tasks.geometry.sides import cut_off_at
 from tasks.geometry.voxels import VoxelGrid, VoxelRuns, join_runs, voxel_centers, voxel_index
 
@@ -170,10 +170,12 @@ def best_frame(
     frames = np.unique(np.linspace(0, count - 1, min(settings.frames, count)).astype(int))
     looked: list[Candidate] = []
     seen: list[tuple[int, str]] = []
-    for done, frame in enumerate(frames.tolist()):
-        report(done, len(frames))
+
+    def look(frame: int) -> Candidate | str:
         around = frames_around(frame, runs.frames, round(settings.held_s * rate_hz))
-        found = _look_at(runs, grid, frame, around, settings)
+        return _look_at(runs, grid, frame, around, settings)
+
+    for frame, found in zip(frames.tolist(), side_by_side(look, frames.tolist()), strict=True):
         if isinstance(found, str):
             seen.append((frame, found))
         else:

@@ -14,7 +14,7 @@ from prefect.artifacts import (
 
 from flows.artifacts import shown
 from flows.links import artifact_key, viewer_url
-from flows.progress import COMPILING, Estimate, Moment, show_watcher
+from flows.progress import Estimate, Moment, show_watcher
 from storage.archive import Take
 from tasks.exporting.addresses import clip_address, match_address
 from tasks.exporting.day_pages import day_line, summarize_day
@@ -64,16 +64,6 @@ def progress_teller(take: str, frames: int) -> Callable[[str, float], None]:
             _show_progress(artifact, moment, take)
 
     return tell
-
-
-def tell_compiled(done: int, total: int) -> None:
-    """Tell the log and who watches how many kernels are compiled, of how many."""
-    if done == 0:
-        logger.info(
-            "The programs of the stages are compiled for this processor, once after an "
-            "installation, beside the first take: it takes about a minute longer than others."
-        )
-    show_watcher(Moment(COMPILING, "", done, total, done / total, None))
 
 
 def count_teller(what: str, total: int) -> Callable[[int], None]:

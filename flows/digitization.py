@@ -9,8 +9,8 @@ from typing import Any
 from prefect import flow
 
 from flows import chain
-from flows.dashboard import progress_teller, show_digitized, tell_compiled
-from flows.progress import ASSEMBLING
+from flows.dashboard import progress_teller, show_digitized
+from flows.progress import ASSEMBLING, tell_compiled
 from flows.runners import spread_blocks
 from storage import open_archive
 from storage.blocks import Block, Written, discard_blocks

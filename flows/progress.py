@@ -4,11 +4,14 @@ What is expected of a stage was measured once; what is left is that, as fast as 
 so far on this machine. Blocks that were found done are not counted as fast.
 """
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+
+logger = logging.getLogger(__name__)
 
 ASSEMBLING = "assembling"
 """What comes after the last stage, as if it were one: blocks become a version of the take."""
@@ -97,6 +100,16 @@ def show_watcher(moment: Moment) -> None:
     watch = _WATCH.get()
     if watch is not None:
         watch(moment)
+
+
+def tell_compiled(done: int, total: int) -> None:
+    """Tell the log and who watches how many kernels are compiled, of how many."""
+    if done == 0:
+        logger.info(
+            "The programs of the stages are compiled for this processor, once after an "
+            "installation, beside the first take: it takes about a minute longer than others."
+        )
+    show_watcher(Moment(COMPILING, "", done, total, done / total, None))
 
 
 @dataclass

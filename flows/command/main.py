@@ -29,7 +29,7 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
-from flows.command.preparing import hush_prefect, prepare_prefect
+from flows.command.preparing import compiling_early, hush_prefect, prepare_prefect
 from flows.command.serving import add_serve_options, run_serve
 from flows.command.terminal import bars, log_to_standard_error, search_bar
 from flows.command.upkeep import add_upkeep
@@ -41,6 +41,9 @@ from storage.provenance import shosa_version
 from storage.recordings import find_recordings
 
 logger = logging.getLogger(__name__)
+
+_THREADS = "threads"
+"""The runner that is taken where none is named. As `flows.clusters.THREADS`, which imports much."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -136,7 +139,7 @@ def _add_ingest(commands: Any) -> None:
 def _add_runner(command: Any) -> None:
     command.add_argument(
         "--runner",
-        default="threads",
+        default=_THREADS,
         metavar="NAME",
         help="what computes: threads (default), dask, or dask://HOST:PORT of a scheduler",
     )
@@ -209,8 +212,20 @@ def _ingest(options: argparse.Namespace) -> int:
     importing = import_settings(options, low_pass_hz=options.low_pass)
     settings = digitization_settings(options.settings)
     check_environment()
-    find_recordings(options.paths)
+    recordings = find_recordings(options.paths)
     create_archive(options.archive)
+    here = recordings if options.runner == _THREADS else []  # else workers compile
+    with bars(quiet=options.quiet), compiling_early(here):
+        outcomes = _run_ingestion(options, importing, settings)
+    printing.print_outcomes(outcomes, as_json=options.json)
+    failed = {outcome.status for outcome in outcomes}
+    if "failed" in failed:
+        return RUN_FAILED
+    return BAD_INPUT if "refused" in failed else DONE
+
+
+def _run_ingestion(options: argparse.Namespace, importing: Any, settings: Any) -> list[Any]:
+    """Start Prefect, and take the recordings in; return what became of each."""
     prepare_prefect()
     from flows.ingestion import run_ingestion
     from flows.runners import task_runner
@@ -219,17 +234,9 @@ def _ingest(options: argparse.Namespace) -> int:
         runner = task_runner(options.runner)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    with bars(quiet=options.quiet):
-        outcomes = run_ingestion(
-            *(options.archive, options.paths, importing, settings),
-            again=options.again,
-            runner=runner,
-        )
-    printing.print_outcomes(outcomes, as_json=options.json)
-    failed = {outcome.status for outcome in outcomes}
-    if "failed" in failed:
-        return RUN_FAILED
-    return BAD_INPUT if "refused" in failed else DONE
+    return run_ingestion(
+        *(options.archive, options.paths, importing, settings), again=options.again, runner=runner
+    )
 
 
 def _serve(options: argparse.Namespace) -> int:

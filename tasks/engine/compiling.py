@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import copy_context
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def compiling_beside(tell: Tell) -> Iterator[None]:
     Parameters
     ----------
     tell
-        Is called in a thread of its own after each kernel.
+        Is called in a thread of its own, with the variables of this one, after each kernel.
     """
     if not _BESIDE.acquire(blocking=False):  # for another take of this process
         yield
@@ -91,7 +92,8 @@ def _other_process(tell: Tell) -> Iterator[None]:
     with subprocess.Popen(
         command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
-        listener = threading.Thread(target=_listen, args=(process, hear), daemon=True)
+        heard = (copy_context().run, _listen, process, hear)  # by who watches this thread
+        listener = threading.Thread(target=heard[0], args=heard[1:], daemon=True)
         listener.start()
         try:
             yield

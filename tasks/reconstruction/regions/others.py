@@ -103,9 +103,9 @@ def _pieces_like_bodies(
     ]
 
 
-def _shows_two(hull: VoxelRuns, grid: VoxelGrid) -> bool:
-    """Return whether there are two bodies in a frame; where there are not, at once."""
-    return len(_pieces_like_bodies(hull, grid)[1]) == 2 and are_two(find_bodies(hull, grid))
+def _find_two(hull: VoxelRuns, grid: VoxelGrid) -> Bodies | None:
+    """Return the bodies of a frame; None, at once, where there are not two."""
+    return find_bodies(hull, grid) if len(_pieces_like_bodies(hull, grid)[1]) == 2 else None
 
 
 def are_two(bodies: Bodies) -> bool:
@@ -137,12 +137,16 @@ def find_others(
     given : (frame, (joint, 3) m), optional
         Joints of the performer, if they are known; NaN where they are not.
     """
-    seen = side_by_side(lambda frame: _shows_two(hull_of(frame), grid), some)
+    looked_at = side_by_side(lambda frame: _find_two(hull_of(frame), grid), some)
+    seen = [each is not None and are_two(each) for each in looked_at]
     if not any(seen):
         return None, ()
     if not all(seen):
         return None, _say_unsure(seen)
-    bodies = side_by_side(lambda frame: find_bodies(hull_of(frame), grid), range(frames))
+    known = dict(zip(some, looked_at, strict=True))
+    bodies = side_by_side(
+        lambda frame: known.get(frame) or find_bodies(hull_of(frame), grid), range(frames)
+    )
     order = _follow(bodies)
     if order is None:
         return None, _say_unsure([are_two(each) for each in bodies])

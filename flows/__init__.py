@@ -22,10 +22,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if sys.platform == "linux":
     # glibc raises the size from which freed memory goes back to the system whenever a larger array
-    # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 4 MiB, for
-    # what is larger is of several frames
+    # is freed, so that films of blocks long done stay; -3: M_MMAP_THRESHOLD, held at 8 MiB, for
+    # what is larger is of several frames, and a picture of 1920 x 1080 has 6 MB
     _set_memory = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
-    _set_memory(-3, 1 << 22)
+    _set_memory(-3, 1 << 23)
     # the arrays of one frame, freed and made again a frame later, are kept: every page that comes
     # back costs 2 us, a tenth of the processor time of digitizing; -1: M_TRIM_THRESHOLD
     _set_memory(-1, 1 << 25)

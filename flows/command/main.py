@@ -29,7 +29,12 @@ from flows.command.options import (
     query_settings,
     search_settings,
 )
-from flows.command.preparing import compiling_early, hush_prefect, prepare_prefect
+from flows.command.preparing import (
+    compiling_early,
+    hush_prefect,
+    loading_early,
+    prepare_prefect,
+)
 from flows.command.serving import add_serve_options, run_serve
 from flows.command.terminal import bars, log_to_standard_error, search_bar
 from flows.command.upkeep import add_upkeep
@@ -214,9 +219,10 @@ def _ingest(options: argparse.Namespace) -> int:
     check_environment()
     recordings = find_recordings(options.paths)
     create_archive(options.archive)
-    here = recordings if options.runner == _THREADS else []  # else workers compile
-    with bars(quiet=options.quiet), compiling_early(here):
-        outcomes = _run_ingestion(options, importing, settings)
+    # what digitizes here; else workers compile and load what they need
+    here = options.runner == _THREADS and any(each.is_dir() for each in recordings)
+    with bars(quiet=options.quiet), compiling_early(wanted=here):
+        outcomes = _run_ingestion(options, importing, settings, digitizes=here)
     printing.print_outcomes(outcomes, as_json=options.json)
     failed = {outcome.status for outcome in outcomes}
     if "failed" in failed:
@@ -224,7 +230,9 @@ def _ingest(options: argparse.Namespace) -> int:
     return BAD_INPUT if "refused" in failed else DONE
 
 
-def _run_ingestion(options: argparse.Namespace, importing: Any, settings: Any) -> list[Any]:
+def _run_ingestion(
+    options: argparse.Namespace, importing: Any, settings: Any, *, digitizes: bool
+) -> list[Any]:
     """Start Prefect, and take the recordings in; return what became of each."""
     prepare_prefect()
     from flows.ingestion import run_ingestion
@@ -234,9 +242,9 @@ def _run_ingestion(options: argparse.Namespace, importing: Any, settings: Any) -
         runner = task_runner(options.runner)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    return run_ingestion(
-        *(options.archive, options.paths, importing, settings), again=options.again, runner=runner
-    )
+    given = (options.archive, options.paths, importing, settings)
+    with loading_early(wanted=digitizes):
+        return run_ingestion(*given, again=options.again, runner=runner)
 
 
 def _serve(options: argparse.Namespace) -> int:

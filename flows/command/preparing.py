@@ -2,9 +2,8 @@
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 
 def prepare_prefect() -> None:
@@ -26,17 +25,31 @@ def hush_prefect() -> None:
 
 
 @contextmanager
-def compiling_early(recordings: Sequence[Path]) -> Iterator[None]:
+def compiling_early(*, wanted: bool) -> Iterator[None]:
     """Let kernels be compiled, once after an installation, while Prefect and its server start.
 
     They keep one processor busy for a quarter of a minute, in which another one would be idle.
-    Nothing happens where none of the recordings is a capture.
     """
-    if not any(each.is_dir() for each in recordings):
+    if not wanted:
         yield
         return
     from flows.progress import tell_compiled
     from tasks.engine.compiling import compiling_beside
 
     with compiling_beside(tell_compiled):
+        yield
+
+
+@contextmanager
+def loading_early(*, wanted: bool) -> Iterator[None]:
+    """Let compiled kernels be loaded while this process waits for Prefect's server.
+
+    To be called when all of ours is imported: two threads that import wait for each other.
+    """
+    if not wanted:
+        yield
+        return
+    from tasks.engine.compiling import loading_beside
+
+    with loading_beside():
         yield

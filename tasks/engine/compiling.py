@@ -78,6 +78,33 @@ def compiling_beside(tell: Tell) -> Iterator[None]:
 
 
 @contextmanager
+def loading_beside() -> Iterator[None]:
+    """Let the kernels that are compiled be loaded in a thread while the work inside goes on.
+
+    That is for work that waits for others: it takes the processor time of a stage.
+    """
+    ended = threading.Event()
+
+    def load() -> None:
+        for kernels_of in read_list().values():
+            for kernel in kernels_of.items():
+                if ended.is_set():
+                    return
+                _compile(*kernel)
+
+    if _mark() is None or not are_compiled():
+        yield
+        return
+    thread = threading.Thread(target=load)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextmanager
 def _other_process(tell: Tell) -> Iterator[None]:
     """Compile in another process as long as the work inside takes; by then it has what it needs."""
     last = (1, 1)

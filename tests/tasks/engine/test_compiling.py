@@ -66,6 +66,16 @@ with compiling_beside(tell):
     with compiling_beside(None):  # of another take: one process is enough
         assert over.wait(1800)
 """
+LOADING = """
+import threading
+from tasks.engine.compiling import loading_beside
+with loading_beside():
+    for each in threading.enumerate():
+        if each is not threading.current_thread():
+            each.join()
+from tasks.calling import call
+print(len(call.stats.cache_hits), len(call.stats.cache_misses))
+"""
 
 
 def test_what_is_listed_is_compiled_and_a_kernel_that_is_gone_is_left(compiled):
@@ -84,6 +94,13 @@ def test_after_an_edit_it_is_not_compiled_any_more_and_again_beside_the_work(com
     told = run(package, "-c", WAITING)
     assert told == ["False", *(f"{done} 3 watched" for done in range(4))]
     assert start(package) == (45, 1, 0)
+
+
+def test_what_is_compiled_is_loaded_beside_the_work_and_nothing_else(compiled, tmp_path):
+    assert run(compiled[0], "-c", LOADING) == ["1 0"]
+    package = shutil.copytree(compiled[0], tmp_path / "tasks")
+    edit(package / "constants.py", "FACTOR = 2", "FACTOR = 4")
+    assert run(package, "-c", LOADING) == ["0 0"]
 
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"first": {}}', '{"pose_fitting": {"a": "b"}}'])

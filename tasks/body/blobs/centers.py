@@ -14,7 +14,7 @@ The voxels around the hips do not turn with the thighs: when the hips were moved
 1.4 cm in rendered takes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tasks.body.anatomy.bones import BONES, PARENT, PROXIMAL, Floats
 from tasks.body.blobs.least_squares import UNKNOWNS
 from tasks.engine.settings import Positive, check_ranges
+from tasks.engine.threads import side_by_side
 
 _HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
 """The bones whose proximal joints are not moved."""
@@ -91,7 +92,7 @@ class Evidence:
 
 
 def move_centers(
-    frames: Iterable[Evidence],
+    frames: Sequence[Evidence],
     left: Floats,
     stature_m: float,
     stiffness: Floats,
@@ -120,9 +121,8 @@ def move_centers(
     """
     size = 3 * len(BONES)
     normal, right = np.zeros((size, size)), np.zeros(size)
-    count = 0
-    for frame in frames:
-        count += 1
+
+    def reduce(frame: Evidence) -> tuple[Floats, Floats]:
         slope = np.concatenate([_pose_slope(frame), _center_slope(frame)], axis=2)
         weighed = (frame.information @ slope).reshape(-1, slope.shape[2])
         whole = slope.reshape(weighed.shape).T @ weighed
@@ -132,9 +132,15 @@ def move_centers(
         )
         cross = whole[:UNKNOWNS, UNKNOWNS:]
         solved = np.linalg.solve(own, np.column_stack([cross, force[:UNKNOWNS]]))
-        normal += whole[UNKNOWNS:, UNKNOWNS:] - cross.T @ solved[:, :-1]
-        right += force[UNKNOWNS:] - cross.T @ solved[:, -1]
-    weight = settings.trusted * max(count, 1)
+        return (
+            whole[UNKNOWNS:, UNKNOWNS:] - cross.T @ solved[:, :-1],
+            force[UNKNOWNS:] - cross.T @ solved[:, -1],
+        )
+
+    for of_frame, pull in side_by_side(reduce, frames):
+        normal += of_frame
+        right += pull
+    weight = settings.trusted * max(len(frames), 1)
     normal += np.eye(size) * weight / (settings.usual * stature_m) ** 2
     _add_symmetry(normal, left, weight / (settings.uneven * stature_m) ** 2)
     return np.asarray(np.linalg.solve(normal, right), np.float64).reshape(-1, 3)

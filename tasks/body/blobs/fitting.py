@@ -21,6 +21,7 @@ from tasks.body.blobs.least_squares import UNKNOWNS, add_points, add_priors, mov
 from tasks.body.blobs.model import FitModel, number_bones
 from tasks.engine.kernels import njit
 from tasks.engine.settings import Count, NotNegative, Positive, check_ranges
+from tasks.engine.threads import side_by_side
 
 
 @dataclass(frozen=True)
@@ -324,7 +325,7 @@ def settle_joints(
     model: FitModel, frames: Iterable[tuple[Voxels, Pose]], settings: FitSettings
 ) -> FitModel:
     """Return the body with its joints at the centers that bones turn about in fitted frames."""
-    seen = (_weigh_pose(model, voxels, pose, settings) for voxels, pose in frames)
+    seen = side_by_side(lambda frame: _weigh_pose(model, *frame, settings), list(frames))
     stiffness = settings.foreseen * _FORESEEN
     moved = move_centers(seen, model.left, model.stature, stiffness, settings.centers)
 

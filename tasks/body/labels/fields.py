@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from tasks.engine.kernels import njit
+from tasks.engine.threads import side_by_side
 from tasks.geometry.voxel_lines import FIRST, LENGTH, VoxelLines, X, Y, Z
 
 _CUBE = 8
@@ -68,19 +69,21 @@ def make_fields(
         How far from every bone a voxel is no bone's, in voxels.
     """
     begin, sides = np.zeros((bones, 3), np.int64), np.zeros((bones, 3), np.int64)
-    distance = [np.zeros(0, np.int8)]
-    for k in range(bones):
+
+    def measure(k: int) -> NDArray[np.int8]:
         own = index[bone == k]
         if not len(own):
-            continue
+            return np.zeros(0, np.int8)
         begin[k] = own.min(axis=0) - most - 1
         sides[k] = own.max(axis=0) + 2 + most - begin[k]
         inside = np.zeros(sides[k], np.bool_)
         inside[tuple((own - begin[k]).T)] = True
-        outward = np.maximum(_distance(~inside) - 0.5, 0.0)
-        inward = np.maximum(_distance(inside) - 0.5, 0.0)
-        share = np.clip((outward - inward) / most, -1.0, 1.0)
-        distance.append(np.rint(_FULL * share).astype(np.int8).ravel())
+        away = np.maximum(_distance(~inside) - 0.5, 0.0)
+        near = tuple(slice(most, -most) for _ in range(3))  # a layer around the bone's voxels
+        away[near] -= np.maximum(_distance(inside[near]) - 0.5, 0.0)
+        return np.rint(_FULL * np.clip(away / most, -1.0, 1.0)).astype(np.int8).ravel()
+
+    distance = side_by_side(measure, range(bones))
     return BoneFields(begin, sides, np.concatenate(distance), most)
 
 

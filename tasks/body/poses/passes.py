@@ -7,6 +7,7 @@ explains the frame better. At last every frame is fitted again near the poses of
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -233,17 +234,28 @@ class Fitting:
         """Return where face, hands and feet were seen in a frame."""
         if self.cues is None or self.placed is None:
             return []
-        pulls, cues = self.settings, self.cues[frame]
-        pull = (pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2)
-        scale = _STATURE_OF_PULLS_M / self.model.stature
-        within = pulls.pull_within * self.model.stature
-        offset = self.placed - self.model.origin[list(_CUE_BONES)]
-        sure = np.ones(len(cues)) if self.cue_weights is None else self.cue_weights[frame]
-        known = np.isfinite(offset + cues).all(axis=1) & (sure > 0)
+        known, offset, weight = self._pulls
+        within, cues = self.settings.pull_within * self.model.stature, self.cues[frame]
         return [
-            Target(_CUE_BONES[i], offset[i], cues[i], pull[i] * sure[i] * scale**2, within)
-            for i in np.flatnonzero(known).tolist()
+            Target(_CUE_BONES[i], offset[i], cues[i], weight[frame, i], within)
+            for i in np.flatnonzero(known[frame]).tolist()
         ]
+
+    @cached_property
+    def _pulls(self) -> tuple[NDArray[np.bool_], Floats, Floats]:
+        """Which cues are known (time, 5), what is seen there (5, 3) and how it pulls (time, 5).
+
+        For all frames at once: each is asked for ten times.
+        """
+        assert self.cues is not None
+        assert self.placed is not None
+        pulls = self.settings
+        pull = np.array([pulls.face_pull, *[pulls.hand_pull] * 2, *[pulls.foot_pull] * 2])
+        scale = _STATURE_OF_PULLS_M / self.model.stature
+        offset = self.placed - self.model.origin[list(_CUE_BONES)]
+        sure = np.ones(self.cues.shape[:2]) if self.cue_weights is None else self.cue_weights
+        known = np.isfinite(offset + self.cues).all(axis=2) & (sure > 0)
+        return known, offset, pull * sure * scale**2
 
 
 def follow(take: Fitting, frames: Sequence[int], start: Pose) -> list[Fit]:
@@ -410,12 +422,12 @@ def settle_centers(take: Fitting, poses: Sequence[Pose]) -> FitModel:
     settled = [poses[t] for t in frames]
     rounds = take.settings.joint_rounds
     for earlier in range(rounds):
-        if earlier:  # with the joints found so far
-            pairs = list(zip(frames, settled, strict=True))
-            with within(earlier / rounds, (earlier + 1) / rounds):
+        with within(earlier / rounds, (earlier + 1) / rounds):
+            if earlier:  # with the joints found so far
+                pairs = list(zip(frames, settled, strict=True))
                 settled = side_by_side(lambda pair, take=take: _refit(take, *pair).pose, pairs)
-        seen = ((take.sample(t), pose) for t, pose in zip(frames, settled, strict=True))
-        take = replace(take, model=settle_joints(take.model, seen, take.settings.fit))
+            seen = ((take.sample(t), pose) for t, pose in zip(frames, settled, strict=True))
+            take = replace(take, model=settle_joints(take.model, seen, take.settings.fit))
     return take.model
 
 

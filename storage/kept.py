@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 VARIABLE = "SHOSA_KEPT_MB"
 """The variable of the environment that names the limit [MB]."""
 
-_USUAL_MB = 300
-"""What is kept where nobody says [MB]. Some 450 frames of eight cameras of 320 x 240, with which a
-digitization holds 800 MB at most."""
+_USUAL_MB = 240
+"""What is kept where nobody says [MB]. Some 360 frames of eight cameras of 320 x 240; a longer take
+is read again anyway, and 1500 frames hold less than 900 MB."""
 
 _MB = 1_000_000
 

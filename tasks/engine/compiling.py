@@ -135,7 +135,7 @@ def compile_all(tell: Tell, processes: int) -> None:
     """Compile every listed kernel for this processor, and keep it.
 
     The poses come first, as the dearest, and then what is before them, from the end of the chain:
-    who starts at its beginning meanwhile compiles the others.
+    who starts at its beginning meanwhile compiles the others, and meets this process once.
 
     Parameters
     ----------
@@ -153,7 +153,8 @@ def compile_all(tell: Tell, processes: int) -> None:
     tell(done, total)
     if processes == 1:
         for stage in stages:
-            for kernel in groups[stage].items():
+            kernels_of = list(groups[stage].items())
+            for kernel in kernels_of if stage == _FIRST else kernels_of[::-1]:
                 _compile(*kernel)
                 done += 1
                 tell(done, total)

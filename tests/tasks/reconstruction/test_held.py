@@ -5,11 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from storage import create_archive
 from storage.blocks import read_block, write_block
 from tasks.geometry.voxels import VoxelGrid, encode_runs, take_frame, voxel_numbers
 from tasks.reconstruction import still_things
+from tasks.reconstruction.regions import held
 from tasks.reconstruction.regions.held import find_held
 from tasks.reconstruction.still_things import find_held_things
 
@@ -171,3 +173,15 @@ def test_the_rim_of_a_chair_that_flickers_is_not_held(tmp_path, monkeypatch):
     made = still_things.find_still_take(str(tmp_path / "archive"), "", "", [hull], "work/s")
     assert ["stands still" in note for note in made.notes] == [True]
     assert "moving_start" not in read_block(archive.place, made.block)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+@pytest.mark.parametrize("marked", [0, 1])
+def test_marks_grow_by_a_cross_and_a_cube_in_turn(steps, marked):
+    marks = np.full((13, 17, 14), marked, np.uint8)  # its rim is marked whole, or not at all
+    marks[4:-4, 4:-4, 4:-4] = np.random.default_rng(steps).random((5, 9, 6)) < 0.1
+    wanted = marks > 0
+    for step in range(steps):
+        near = ndimage.generate_binary_structure(3, 1 if step % 2 == 0 else 3)
+        wanted = ndimage.binary_dilation(wanted, near)
+    np.testing.assert_array_equal(held._grown(marks, steps), wanted)

@@ -82,6 +82,8 @@ class Background:
         planes = np.empty((4, *self.color.shape[:2]), np.float32)
         planes[:3] = self.color.transpose(2, 0, 1)
         planes[3] = planes[0] + planes[1] + planes[2]
+        # one copy is enough: of 1920 x 1080 pixels a picture has 25 MB, and there is one a camera
+        object.__setattr__(self, "color", planes[:3].transpose(1, 2, 0))
         return planes
 
 

@@ -210,22 +210,28 @@ def match_rows(answer: Answer, viewer: str | None) -> list[dict[str, Any]]:
             {
                 "rank": linked(rank, beside),
                 "take": linked(match.take, clip),
-                "frames": f"{match.start}-{match.end}",
                 "seconds": f"{match.start / record.rate_hz:.2f}-{match.end / record.rate_hz:.2f}",
                 "distance": f"{match.distance:.4f}",
-                "level": answer.meaning(match)["level"] or "-",
+                "level": answer.meaning(match)["level"] or "",
                 "by chance": answer.chance.in_words(match.distance),
-                "mirrored": "yes" if match.mirrored else "",
                 "performer": escaped(record.metadata.get("performer", "")),
                 "title": escaped(record.metadata.get("title", "")),
+                "mirrored": "yes" if match.mirrored else "",
+                "frames": f"{match.start}-{match.end}",
             }
         )
-    return rows
+    empty = {
+        name
+        for name in ("level", "performer", "title", "mirrored")
+        if not any(row[name] for row in rows)
+    }
+    return [{name: cell for name, cell in row.items() if name not in empty} for row in rows]
 
 
 def _without_folder(reason: str, path: str) -> str:
     """Return a reason with the name of a recording in place of its path, which is in the table."""
-    return reason.replace(path, path.rstrip("/").rsplit("/", 1)[-1])
+    short = reason.replace(path, path.rstrip("/").rsplit("/", 1)[-1])
+    return short.replace(":\n- ", ": ").replace("\n- ", "; ")  # a list, which a cell cannot show
 
 
 def _known(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, None]:

@@ -35,8 +35,9 @@ from prefect.states import Crashed
 from prefect.types.entrypoint import EntrypointType
 
 from flows import forms
+from flows.outcomes import REFUSED
 from flows.processes import served_processes
-from flows.served import POOL, Served, read_served, tag_of
+from flows.served import ENDED, POOL, Served, read_served, tag_of
 
 _DIED = (
     "The run gives no sign of life: its process was killed, or its machine was switched off. What "
@@ -179,7 +180,8 @@ def _parent_of(client: Any, run: FlowRun) -> Any:
 def _make_automation(client: Any, served: Served) -> None:
     """Have the server crash runs of this archive whose heart stopped; others are not touched."""
     beat = "prefect.flow-run.heartbeat"
-    ended = [f"prefect.flow-run.{end}" for end in ("Completed", "Failed", "Cancelled", "Crashed")]
+    ends = ("Completed", "Failed", REFUSED, "Cancelled", "Crashed")  # by the names of states
+    ended = [*(f"prefect.flow-run.{end}" for end in ends), ENDED]
     related = ResourceSpecification(
         {
             "prefect.resource.id": f"prefect.tag.{tag_of(served.archive)}",
@@ -206,7 +208,13 @@ def _make_automation(client: Any, served: Served) -> None:
     known = client.read_automations_by_name(AUTOMATION)
     if not known:
         client.create_automation(wanted)
-    elif getattr(known[0].trigger, "match_related", None) != related:  # of before, or elsewhere
+        return
+    there: Any = known[0].trigger
+    same = [
+        (getattr(each, "match_related", None), getattr(each, "expect", None))
+        for each in (there, wanted.trigger)
+    ]
+    if same[0] != same[1]:  # of before, or elsewhere
         client.update_automation(known[0].id, wanted)
 
 

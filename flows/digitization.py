@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from prefect import flow
+from prefect.client.schemas.objects import State
+from prefect.states import Failed
 
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
+from flows.outcomes import REFUSED
 from flows.progress import ASSEMBLING, tell_compiled
 from flows.runners import spread_blocks
 from storage import open_archive
 from storage.blocks import Block, Written, discard_blocks
-from storage.errors import ArchiveError
+from storage.errors import ArchiveError, InputError, PlaceError
 from storage.formats.capture.capture import capture_of
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording
@@ -43,6 +46,26 @@ def digitize_take(
     recording: Recording,
     settings: dict[str, Any] | None = None,
     again: bool = False,  # noqa: FBT001, FBT002 - Prefect passes parameters by name
+) -> dict[str, Any] | State[Any]:
+    """Run `make_take`, whose arguments these are, so that the dashboard shows it.
+
+    What is the fault of the capture or the archive is raised where the result is asked for; the log
+    of the run has its sentence, without a traceback.
+    """
+    try:
+        return make_take(archive, recording, settings, again=again)
+    except InputError as error:
+        return Failed(name=REFUSED, message=str(error), data=error)
+    except (ArchiveError, PlaceError) as error:
+        return Failed(message=str(error), data=error)
+
+
+def make_take(
+    archive: str,
+    recording: Recording,
+    settings: dict[str, Any] | None = None,
+    *,
+    again: bool = False,
 ) -> dict[str, Any]:
     """Take a capture into the archive at `archive`, stage after stage, block after block.
 

@@ -16,6 +16,7 @@ from prefect.exceptions import ObjectNotFound
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
+from flows.outcomes import REFUSED
 from flows.served import POOL
 from storage import Archive, create_archive
 from storage.errors import ArchiveError, InputError
@@ -28,14 +29,14 @@ from storage.inbox.memory import Seen, look_now, pause_after, write_memory
 from storage.inbox.quarantine import forget_reason, move_to_quarantine
 from storage.provenance import digest_file
 from storage.recordings import digest_capture, take_of_content
-from storage.roots import links_out
+from storage.roots import leads_to_itself, links_out
 
 logger = logging.getLogger(__name__)
 
 DIGITIZE = "digitize/digitize"
 """The deployment that a scan starts for a capture, as flow and name."""
-REFUSED = "Refused"
-"""How a failed run is called on the dashboard when the recording is at fault."""
+NOTHING_NEW = "nothing new"
+"""What a scan says that found nothing."""
 _FILES_A_RUN = 100
 """How many motion files are taken in at once. Chosen: half a minute of work."""
 _SHOWN = 3
@@ -130,7 +131,7 @@ def scan_inbox(
         with scanning(opened.place, box) as is_held:
             known, ready = look_now(opened.place, box, settle_s)
             scan = Scan(opened, box, [box.location, *(roots or ())], known)
-            ready += [name for name in known if _has_ended(scan, name)]
+            ready += [name for name in list(known) if _has_ended(scan, name)]
             _take_in(scan, ready, is_held, captures_apart=captures_apart)
             scan.remember()
     except BusyError as error:
@@ -159,7 +160,7 @@ def state_of(counts: Counter[str], faults: Sequence[str], *, waiting: int = 0) -
     }
     said = [f"{counts[status]} {word}" for status, word in words.items() if counts[status]]
     said += [f"{waiting} waiting until nobody writes to them"] if waiting else []
-    return Completed(message=", ".join(said) or "nothing new")
+    return Completed(message=", ".join(said) or NOTHING_NEW)
 
 
 def ingest_here(
@@ -248,7 +249,8 @@ def _start(scan: Scan, name: str, digest: str) -> str:
         parameters={"capture": scan.inbox.place.url(name)},
         timeout=0,
         as_subflow=False,
-        idempotency_key=f"{digest}-{seen.stamp}-{seen.tries}",
+        # when it was seen, too: what was moved back from quarantine unchanged is tried again
+        idempotency_key=f"{digest}-{seen.stamp}-{seen.tries}-{seen.since_s}",
     )
     logger.info("%r is digitized by the run %s", name, run.name)
     return str(run.id)
@@ -269,6 +271,8 @@ def _has_ended(scan: Scan, name: str) -> bool:
     if state.is_completed():
         scan.known[name] = Seen(seen.stamp, "in", time.time())
         forget_reason(scan.inbox, name)
+    elif state.name == REFUSED and stamp_of(scan.inbox, name) != seen.stamp:
+        del scan.known[name]  # it was moved away, and is new when it is moved back
     elif state.is_cancelled() or state.name == REFUSED:  # by a person; or it cannot be moved
         scan.known[name] = Seen(seen.stamp, "refused", time.time())
     else:
@@ -296,7 +300,9 @@ def _fault_of(scan: Scan, name: str) -> tuple[str, str] | None:
     if scan.inbox.folder is None:
         return None
     path = scan.inbox.folder / name
-    if out := next(links_out(path, scan.roots), None):
+    if (out := next(links_out(path, scan.roots), None)) and leads_to_itself(out):
+        return "refused", f"{name!r} is, or holds, a link to itself ({out.name}); remove the link"
+    if out:
         return "refused", (
             f"{name!r} is, or holds, a link that leads out of the inbox ({out.name}); put the file "
             "in place of the link, or start `shosa serve` with --root"

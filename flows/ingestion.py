@@ -15,7 +15,7 @@ from prefect.states import Completed, Failed
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller, show_ingested
-from flows.digitization import choose_settings, digitize_take
+from flows.digitization import choose_settings, digitize_take, make_take
 from flows.outcomes import Outcome, broken, ended, finished, refused, say_lost, tell
 from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
@@ -172,8 +172,15 @@ def ingest_archive(
     show_ingested(archive, [asdict(each) for each in outcomes])
     lost = [each for each in outcomes if each.reason]
     if not lost:
-        return Completed(message=f"All {len(outcomes)} recordings are in.", data=outcomes)
+        return Completed(message=_say_in(outcomes), data=outcomes)
     return Failed(message=say_lost(lost, len(outcomes)), data=outcomes)
+
+
+def _say_in(outcomes: list[Outcome]) -> str:
+    """Say in one sentence that all is taken in."""
+    if len(outcomes) == 1:
+        return f"{outcomes[0].take} is in."
+    return f"All {len(outcomes)} recordings are in."
 
 
 def split_recordings(recordings: Sequence[Recording]) -> list[list[Recording]]:
@@ -309,7 +316,7 @@ def _digitize(
     record = read_record(opened.place, recording.take)
     if record and record.number > (before.number if before else 0):
         return asdict(record), True
-    draft = digitize_take.fn(archive, recording, settings, again)
+    draft = make_take(archive, recording, settings, again=again)
     return draft, draft["published"]
 
 

@@ -12,6 +12,8 @@ from storage.recordings import Recording, Refusal
 
 logger = logging.getLogger(__name__)
 
+REFUSED = "Refused"
+"""How a failed run is called on the dashboard when the recording is at fault."""
 _SAID = 5
 """How many recordings a sentence names that were not taken in. Chosen: a paragraph on a page."""
 
@@ -71,6 +73,8 @@ def say_lost(lost: list[Outcome], total: int) -> str:
         f"{each.status}: {each.take or Path(each.path).name} ({each.reason})"
         for each in lost[:_SAID]
     )
+    if total == 1:
+        return said
     more = f"; and {len(lost) - _SAID} more, which the table lists" if len(lost) > _SAID else ""
     return f"{len(lost)} of {total} recordings were not taken in: {said}{more}"
 

@@ -11,6 +11,9 @@ POOL = "shosa"
 VARIABLE = "SHOSA_SERVED"
 """The variable by which the worker's processes know what is served; no form can change it."""
 
+ENDED = "shosa.scan.ended"
+"""The event by which a scan says that it is over."""
+
 
 @dataclass(frozen=True)
 class Served:

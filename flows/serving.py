@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from flows.processes import served_processes
-from flows.served import POOL, VARIABLE, Served, ServingError, write_served
+from flows.served import ENDED, POOL, VARIABLE, Served, ServingError, write_served
 from flows.server import check_home, check_version, is_healthy
 
 logger = logging.getLogger(__name__)
@@ -36,8 +36,10 @@ _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
 _BEATS_KEPT_S = 3600.0
 _SOON_OLD = (
-    "flow-run.heartbeat", "task-run.Pending", "task-run.Running", "task-run.Completed",
-    "task-run.Cached",
+    "flow-run.heartbeat", "flow-run.Scheduled", "flow-run.Late", "flow-run.Pending",
+    "flow-run.Submitting", "flow-run.Running", "flow-run.Completed", "task-run.Pending",
+    "task-run.Running", "task-run.Completed", "task-run.Cached", "worker.submitted-flow-run",
+    "worker.executed-flow-run", "artifact.created", "artifact.updated",
 )  # fmt: skip
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
 
@@ -316,9 +318,9 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(_RUNS_KEPT_DAYS * 86400),
         "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{_EVENTS_KEPT_DAYS}D",
-        # half of what a take costs; the server has made states of them, which stay
+        # 7 kB each, most of what a scan and a take cost; the states and artifacts themselves stay
         "PREFECT_SERVER_SERVICES_DB_VACUUM_EVENT_RETENTION_OVERRIDES": json.dumps(
-            {f"prefect.{each}": _BEATS_KEPT_S for each in _SOON_OLD}
+            {ENDED: _BEATS_KEPT_S, **{f"prefect.{each}": _BEATS_KEPT_S for each in _SOON_OLD}}
         ),
         # without these, a run that died holds the deployment's slot for ever
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (

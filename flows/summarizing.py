@@ -1,6 +1,8 @@
 """The page of a day, for a schedule: what came in, what was refused, how large the archive is."""
 
 import logging
+import re
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
@@ -16,9 +18,11 @@ from prefect.client.schemas.objects import StateType
 
 from flows.artifacts import shown
 from flows.dashboard import show_day
+from flows.outcomes import REFUSED
 
 logger = logging.getLogger(__name__)
 
+_AGAIN = re.compile(r" \(tried again after \d+ s\)")
 _MOST_RUNS = 100
 """How many failed runs are asked for. Chosen: a page that a person reads."""
 
@@ -37,7 +41,11 @@ def summarize_archive(archive: str, inboxes: Sequence[str] = (), hours: float = 
 
 
 def failed_runs(since: datetime) -> list[tuple[str, str]]:
-    """Return the runs that failed or crashed since then, the newest first, and why."""
+    """Return the runs that failed or crashed since then, the newest first, and why.
+
+    Of runs inside runs the outermost is meant. What was refused is told by the quarantine; what
+    failed several times for one reason is told once.
+    """
     runs = FlowRunFilter(
         state=FlowRunFilterState(
             type=FlowRunFilterStateType(any_=[StateType.FAILED, StateType.CRASHED])
@@ -47,4 +55,19 @@ def failed_runs(since: datetime) -> list[tuple[str, str]]:
     with get_client(sync_client=True) as client:
         found = client.read_flow_runs(flow_run_filter=runs, limit=_MOST_RUNS)
     found.sort(key=lambda run: run.start_time or since, reverse=True)
-    return [(run.name, (run.state.message if run.state else "") or "no reason") for run in found]
+    return told_once(
+        [
+            (run.name, run.state.message or "no reason")
+            for run in found
+            if run.parent_task_run_id is None and run.state and run.state.name != REFUSED
+        ]
+    )
+
+
+def told_once(failed: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return runs and why they failed; what is told several times, once, with how often."""
+    times = Counter((name, _AGAIN.sub("", reason)) for name, reason in failed)
+    return [
+        (name, f"{reason} ({count} times)" if count > 1 else reason)
+        for (name, reason), count in times.items()
+    ]

@@ -1,5 +1,6 @@
 """The folders that a served archive reads from, and whether a path leads out of them."""
 
+import errno
 import os
 import posixpath
 import re
@@ -73,6 +74,15 @@ def links_out(path: Path, roots: Sequence[str]) -> Iterator[Path]:
             if each.is_symlink() and not _is_inside(each, folders):
                 yield each
         below[:] = [name for name in below if _is_inside(Path(above, name), folders)]
+
+
+def leads_to_itself(path: Path) -> bool:
+    """Say whether a link ends in a loop of links, and so nowhere."""
+    try:
+        path.stat()
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    return False
 
 
 def _is_inside(path: Path, folders: Sequence[Path]) -> bool:

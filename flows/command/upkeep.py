@@ -42,6 +42,10 @@ def add_upkeep(commands: Any, make: Any) -> None:
     doctor = make(commands, "doctor", _doctor, "say what is wrong with an installation")
     doctor.add_argument("captures", nargs="*", metavar="CAPTURE", help="examine these instead")
     doctor.add_argument("--out", metavar="DIR", help="for pictures (default: CAPTURE-doctor)")
+    doctor.add_argument(
+        "--refine", action="store_true",
+        help="where the silhouettes have the cameras: a calibration beside the pictures",
+    )  # fmt: skip
 
 
 def _index(options: argparse.Namespace) -> int:
@@ -99,13 +103,15 @@ def _capture_settings(folder: Path) -> "tuple[SilhouetteSettings, AgreementSetti
 def _doctor(options: argparse.Namespace) -> int:
     if options.out is not None and not options.captures:
         raise UsageError("--out is for pictures of captures; name a capture, or leave it out")
+    if options.refine and not options.captures:
+        raise UsageError("--refine is for the cameras of a capture; name one, or leave it out")
     if options.captures:
         from tasks.checks.examination import examine_captures
 
         into = Path(options.out) if options.out else None
         good = examine_captures(
             options.captures, into, printing.print_line, printing.say, _capture_settings,
-            watch=lambda name: work_bar(name, quiet=options.quiet),
+            watch=lambda name: work_bar(name, quiet=options.quiet), refine=options.refine,
         )  # fmt: skip
         return DONE if good else BAD_INPUT
     from flows.command.doctor import examine_installation

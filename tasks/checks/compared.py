@@ -23,6 +23,7 @@ from tasks.capture.tangency import Touches, join_touches, touches_of
 from tasks.checks.telling import By, Telling, told_by
 from tasks.reconstruction.regions.holes import fill_holes
 from tasks.reconstruction.regions.masks import mask_facts, silhouettes_of
+from tasks.reconstruction.regions.rims import edge_profile
 from tasks.reconstruction.regions.stale_outlines import stale_outline
 from tasks.reconstruction.silhouettes import (
     SilhouetteSettings,
@@ -63,7 +64,7 @@ class Seeing:
         No other camera is asked, as it may have begun later.
         """
         if masks is not None:
-            return silhouettes_of(masks)
+            return silhouettes_of(masks, self.settings.grow_px)
         return extract_silhouettes(frames, self.backgrounds[camera], self.settings)
 
 
@@ -114,8 +115,14 @@ def see_silhouettes(
     rows, columns = (max(each.shape[axis] for each in frames) for axis in (1, 2))
     silhouettes = np.zeros((len(numbers), len(frames), rows, columns), np.bool_)
     if seeing.by == "mask":
-        facts = np.stack([_see_masks(capture, c, numbers, silhouettes) for c in range(len(frames))])
-        telling = Telling(seeing.by, masks=facts.swapaxes(0, 1))
+        grow_px = seeing.settings.grow_px
+        facts = np.stack(
+            [_see_masks(capture, c, numbers, silhouettes, grow_px) for c in range(len(frames))]
+        )
+        edges = np.stack(
+            [_see_edges(film, silhouettes[:, c]) for c, film in enumerate(frames)], axis=1
+        )
+        telling = Telling(seeing.by, masks=facts.swapaxes(0, 1), edges=edges)
         shown = tuple(each[0] for each in frames)
         filled = np.zeros(silhouettes.shape[:2], np.int64)  # masks are taken as they are
         return Compared(silhouettes, telling, (1.0,) * len(frames), shown, filled)
@@ -146,8 +153,9 @@ def _fill_holes(capture: Capture, silhouettes: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _see_masks(
-    capture: Capture, camera: int, numbers: Sequence[int], silhouettes: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+    capture: Capture, camera: int, numbers: Sequence[int], silhouettes: NDArray[np.bool_],
+    grow_px: float,
+) -> NDArray[np.float64]:  # fmt: skip
     """Write the silhouettes of a camera's masks; return what tells whether they are masks."""
 
     def read() -> NDArray[np.uint8]:
@@ -155,8 +163,19 @@ def _see_masks(
         return np.stack(list(pick_frames(open_masks(capture.masks[camera]), in_film)))
 
     masks = of_camera(capture.cameras[camera], read)
-    silhouettes[:, camera, : masks.shape[1], : masks.shape[2]] = silhouettes_of(masks)
+    silhouettes[:, camera, : masks.shape[1], : masks.shape[2]] = silhouettes_of(masks, grow_px)
     return np.stack([mask_facts(mask) for mask in masks])
+
+
+def _see_edges(film: NDArray[np.uint8], silhouettes: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how colors change across the rims of a camera's silhouettes."""
+    rows, columns = film.shape[1:3]
+    return np.stack(
+        [
+            edge_profile(frame, silhouette[:rows, :columns])
+            for frame, silhouette in zip(film, silhouettes, strict=True)
+        ]
+    )
 
 
 def read_silhouettes(
@@ -189,7 +208,7 @@ def read_silhouettes(
     compared = np.array(compared_frames(source.frames))
     projection = projection_of(source.cameras)
     _, columns = largest_image(source.cameras)
-    parts: dict[str, list[NDArray]] = {"silhouette": [], "stale": [], "masks": []}
+    parts: dict[str, list[NDArray]] = {"silhouette": [], "stale": [], "masks": [], "edges": []}
     sure: list[float] = []
     touches: list[Touches] = []
     holes = np.zeros((2, len(source.cameras)), np.int64)
@@ -211,7 +230,8 @@ def read_silhouettes(
         for name in ("silhouette", "stale")
     )
     if by == "mask":
-        telling = Telling(by, masks=np.concatenate(parts["masks"]))
+        masks, edges = (np.concatenate(parts[name]) for name in ("masks", "edges"))
+        telling = Telling(by, masks=masks, edges=edges)
     else:
         telling = Telling(by, stale=stale, sure=sure)
     return silhouettes, telling, join_touches(touches), holes

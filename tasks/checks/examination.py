@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, read_capture
 from tasks.capture.films import grid_of, projection_of
+from tasks.capture.tangency import Outline
 from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
 from tasks.checks.compared import Compared, prepare_seeing, see_silhouettes
 from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
+from tasks.checks.refinement import Refinement, refine_capture
 from tasks.checks.telling import all_faults, filled_notes, judge_telling
 from tasks.checks.watching import watch_films
 from tasks.engine.progress import within
@@ -45,6 +47,8 @@ class Examination:
     begun: Beginnings
     notes: tuple[str, ...]
     pictures: tuple[Path, ...]
+    refined: Refinement | None = None
+    """Where the silhouettes have the cameras, if it was asked for."""
     unwritten: str = ""
     """Why there are no pictures, where they could not be written."""
 
@@ -61,6 +65,8 @@ def examine_captures(
     say: Callable[[str], None],
     settings_of: SettingsOf = _usual_settings,
     watch: Callable[[str], AbstractContextManager[None]] = nullcontext,
+    *,
+    refine: bool = False,
 ) -> bool:
     """Examine captures one after another, and return whether all are good.
 
@@ -77,6 +83,8 @@ def examine_captures(
     watch
         Gives what is entered while a capture, by its name, is examined: it may listen how far that
         is.
+    refine
+        As for `examine_capture`.
     """
     good = True
     names = _names_apart([Path(folder).resolve() for folder in folders])
@@ -86,7 +94,7 @@ def examine_captures(
             own = into / name if len(folders) > 1 else into
         try:
             with watch(name):
-                found = examine_capture(folder, own, settings_of)
+                found = examine_capture(folder, own, settings_of, refine=refine)
         except InputError as error:
             say(f"shosa: {error}")
             good = False
@@ -121,6 +129,8 @@ def examine_capture(
     folder: Path,
     into: Path | None = None,
     settings_of: SettingsOf = _usual_settings,
+    *,
+    refine: bool = False,
 ) -> Examination:
     """Examine a capture, and draw what its cameras see.
 
@@ -134,6 +144,8 @@ def examine_capture(
         working directory.
     settings_of
         How silhouettes are found in a capture, and what is agreement.
+    refine
+        Whether cameras are moved to where the silhouettes have them, beside the pictures.
 
     Raises
     ------
@@ -151,7 +163,7 @@ def examine_capture(
     with within(0.0, _WATCHED):
         watched = watch_films(capture, seeing, timing.step)
     begun = judge_beginnings(watched.passages, projection, timing, unequal=capture.unequal)
-    together, notes = capture, begun.notes
+    together, notes, outlines = capture, begun.notes, watched.outlines
     if begun.line:
         together = _together(capture, begun)
         with within(_WATCHED, _WATCHED_AGAIN):
@@ -167,15 +179,26 @@ def examine_capture(
     pixels, kept = seen.silhouettes.sum(axis=(2, 3)), silhouettes.holes == "keep"
     notes = (*notes, *filled_notes(seen.filled, pixels, names, kept=kept))
     found = replace(found, faults=all_faults(seen.telling, wrong, found.faults))
-    pictures, unwritten = (), ""
+    pictures, refined, unwritten = (), None, ""
     try:
         pictures = _draw(capture, watched.frames, seen, into)
+        if refine:
+            refined = _refine(capture, outlines, begun, into)
     except OSError as error:
         unwritten = (
             f"the pictures cannot be written into {into} ({error.strerror or error}); name a "
             "folder that can be written by --out"
         )
-    return Examination(capture, found, begun, notes, pictures, unwritten)
+    return Examination(capture, found, begun, notes, pictures, refined, unwritten)
+
+
+def _refine(
+    capture: Capture, outlines: Sequence[Outline], begun: Beginnings, into: Path
+) -> Refinement:
+    """Move the cameras, unless films began at different moments: then their places tell nothing."""
+    if begun.faults:
+        return Refinement(("the cameras are not refined before the films begin together",))
+    return refine_capture(capture, outlines, into)
 
 
 def report_lines(found: Examination) -> list[str]:
@@ -196,6 +219,8 @@ def report_lines(found: Examination) -> list[str]:
         )
     lines += [f"note: {note}" for note in (*capture.notes, *found.notes)]
     lines += [f"BAD {fault}" for fault in found.faults]
+    if found.refined:
+        lines += found.refined.lines
     if found.pictures:
         lines.append(f"pictures: {found.pictures[0].parent}")
     else:

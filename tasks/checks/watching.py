@@ -52,6 +52,8 @@ class Watched:
     numbers: list[int]
     """Which frames of the take they are, ascending."""
     passages: list[Passage]
+    outlines: list[Outline]
+    """Of each camera, in all passages; none where no passages were looked at."""
 
 
 def watch_films(capture: Capture, seeing: Seeing, step: int, *, passages: bool = True) -> Watched:
@@ -106,6 +108,7 @@ def watch_films(capture: Capture, seeing: Seeing, step: int, *, passages: bool =
             Passage(wanted[0], find_touches([outlines[n] for _, outlines in seen], projection))
             for n, wanted in enumerate(ranges)
         ],
+        [join_outlines(outlines) for _, outlines in seen if outlines],
     )
 
 

@@ -1,6 +1,7 @@
 """The page of a day: what an archive took in, what was refused and why, and how large it is now."""
 
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ _UNLINKED = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 """A link is not followed, and nothing is waited for."""
 _MOST_ROWS = 100
 """How many takes and refusals are listed. Chosen: a page that a person reads."""
+_WHY = re.compile(r"^Why: (.+?)(?:\n\n|\Z)", re.DOTALL | re.MULTILINE)
+"""What a person has to know of such a file; the rest of it is the same for all."""
 _MOST_BYTES = 4000
 """How much of a reason is read [bytes]. Chosen: a long paragraph."""
 _MOST_SHOWN = 400
@@ -136,7 +139,9 @@ def _read_refused(folder: Path) -> Refused | None:
         if not stat.S_ISREG(status.st_mode):
             return None
         text = file.read(_MOST_BYTES).decode(errors="replace")
-    return Refused(folder.name, text, datetime.fromtimestamp(status.st_mtime, UTC))
+    why = _WHY.search(text)
+    since = datetime.fromtimestamp(status.st_mtime, UTC)
+    return Refused(folder.name, why[1] if why else text, since)
 
 
 def _refusals(refused: Sequence[Refused], since: datetime) -> str:

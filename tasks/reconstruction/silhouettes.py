@@ -48,6 +48,7 @@ from tasks.reconstruction.regions.holes import fill_holes
 from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
+from tasks.reconstruction.regions.rims import DISTANCES, edge_profile
 from tasks.reconstruction.regions.stale_outlines import stale_outline
 
 
@@ -120,6 +121,10 @@ class SilhouetteSettings:
     hole_share: NotNegative = 1e-4
     """A hole smaller than this is filled [share of the picture]. It is 8 pixels of 320 x 240;
     chosen by eye on the shared captures, not measured."""
+
+    grow_px: Annotated[float, Ge(-50), Le(50)] = 0.0
+    """How far the outline of given masks is moved outward [px]; negative: inward. `shosa doctor`
+    tells by how much masks are too narrow. Silhouettes that are found are not changed."""
 
     holes: Literal["keep", "fill"] = "keep"
     """Whether holes are filled behind which the other cameras see a body: a print of the stage's
@@ -353,6 +358,7 @@ def extract_block(
     compared = [n for n in compared_frames(source.frames) if start <= n < end]
     stale = np.zeros((len(compared), *packed.shape[1:]), np.uint8)
     facts = np.zeros((len(compared), len(source.cameras), MASK_FACTS))
+    edges = np.zeros((len(compared), len(source.cameras), len(DISTANCES) + 1))
     filled = np.zeros((end - start, len(source.cameras)), np.int64)
     projection, grid = projection_of(source.cameras), grid_of(source)
     color: list[NDArray[np.uint8]] = []
@@ -371,9 +377,10 @@ def extract_block(
             here = [(n, m - first) for n, m in enumerate(compared) if 0 <= m - first < len(film)]
             own = found[:, camera, : film.shape[1], : film.shape[2]]
             if masks:
-                own[:] = silhouettes_of(masks[camera])
+                own[:] = silhouettes_of(masks[camera], settings.grow_px)
                 for n, frame in here:
                     facts[n, camera] = mask_facts(masks[camera][frame])
+                    edges[n, camera] = edge_profile(film[frame], own[frame])
                 for each, mask, silhouette in zip(film, masks[camera], own, strict=True):
                     color_rim(each, mask, silhouette)
             else:
@@ -398,6 +405,7 @@ def extract_block(
         "color": np.concatenate(color),
         "stale": stale,
         "masks": facts,
+        "edges": edges,
         "filled": filled,
         "sure": np.array([background.sure for background in backgrounds]),
     }

@@ -80,8 +80,8 @@ def late(frames: int) -> Copy:
     return copy
 
 
-def masks(change: Callable[[NDArray[np.uint8]], NDArray[Any]]) -> Copy:
-    """Return what has masks instead of backgrounds: the true ones, changed."""
+def masks(change: Callable[[NDArray[np.uint8]], NDArray[Any]], settings: str = "") -> Copy:
+    """Return what has masks instead of backgrounds: the true ones, changed; and its settings."""
 
     def copy(capture: Path, into: Path) -> range:
         source = read_capture(capture)
@@ -90,6 +90,7 @@ def masks(change: Callable[[NDArray[np.uint8]], NDArray[Any]]) -> Copy:
         bits = np.unpackbits(truth["masks"], axis=-1, count=int(shape[-1]))
         shutil.copytree(capture, into)
         shutil.rmtree(into / "background")
+        (into / "digitize.toml").write_text(f"[silhouettes]\n{settings}\n", encoding="utf-8")
         for c, camera in enumerate(source.cameras):
             (into / "silhouettes" / camera.name).mkdir(parents=True)
             for frame, mask in enumerate(bits[:, c]):
@@ -146,6 +147,9 @@ TROUBLES: dict[str, str | Copy] = {
     "a camera 8 frames late": late(8),
     "masks": masks(lambda mask: mask),
     "masks, eroded by a pixel": masks(lambda mask: cv2.erode(mask, SQUARE)),
+    "masks, eroded by a pixel, grown by one": masks(
+        lambda mask: cv2.erode(mask, SQUARE), "grow_px = 1"
+    ),
     "masks, dilated by a pixel": masks(lambda mask: cv2.dilate(mask, SQUARE)),
     "no empty stage": no_stage,
     "performer in the background": stood_in,

@@ -366,6 +366,7 @@ WRONG_USE = {
     "scale of files": (["ingest", "A", ".", "--scale", "nan"], "--scale nan should be a number"),
     "low pass": (["ingest", "A", ".", "--low-pass", "-1"], "--low-pass -1 should be a number"),
     "pictures": (["doctor", "--out", "x"], "--out is for pictures of captures; name a capture"),
+    "cameras": (["doctor", "--refine"], "--refine is for the cameras of a capture; name one"),
 }  # fmt: skip
 
 

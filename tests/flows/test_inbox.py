@@ -3,6 +3,7 @@
 import os
 import shutil
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -165,7 +166,9 @@ def test_links_that_leave_the_inbox_are_not_read_unless_a_root_says_so(
     write_walk(tmp_path / "elsewhere" / "okuri48.trc")
     (folder / "link").symlink_to(tmp_path / "elsewhere")
     (folder / "nothing.bvh").symlink_to(folder / "absent")
+    (folder / "ring.bvh").symlink_to(folder / "ring.bvh")
     state = scan()
+    assert "'ring.bvh' is, or holds, a link to itself (ring.bvh); remove the link" in state.message
     assert "'link/okuri48.trc' is, or holds, a link that leads out of the inbox" in state.message
     assert "'nothing.bvh' cannot be read: No such file" in state.message
     assert (tmp_path / "elsewhere" / "okuri48.trc").exists()
@@ -277,6 +280,31 @@ def test_a_capture_is_digitized_by_one_run_of_its_own_that_is_followed(
         assert known(tmp_path, folder) == {"cap": so}
 
 
+def test_a_capture_that_is_moved_back_as_it_was_is_tried_again(scan, tmp_path, folder, monkeypatch):
+    from prefect import get_client
+    from prefect.states import Failed
+
+    from flows import inbox
+
+    keys = []
+
+    def start(_, *, idempotency_key, **__):
+        keys.append(idempotency_key)
+        with get_client(sync_client=True) as client:
+            return client.create_flow_run(inbox.scan_inbox, state=Failed(name="Refused"))
+
+    monkeypatch.setattr(inbox, "run_deployment", start)
+    put_capture(folder / "cap")
+    for _ in range(2):
+        scan(captures_apart=True)
+        assert known(tmp_path, folder)["cap"] == "started"
+        os.rename(folder / "cap", tmp_path / "cap")  # the run has moved it to quarantine
+        scan(captures_apart=True)
+        assert known(tmp_path, folder) == {}
+        os.rename(tmp_path / "cap", folder / "cap")
+    assert len({*keys}) == 2
+
+
 def test_the_run_that_finds_a_capture_bad_moves_it_away(tmp_path, folder, monkeypatch):
     from flows.forms import digitize
     from flows.served import VARIABLE, Served, write_served
@@ -290,10 +318,52 @@ def test_the_run_that_finds_a_capture_bad_moves_it_away(tmp_path, folder, monkey
         state = digitize(str(above / "cap"), return_state=True)
         assert (state.type.value, state.name) == ("FAILED", "Refused")
         assert "cannot be used as a capture" in state.message
+        assert "Traceback" not in logged(state)
     assert (tmp_path / "root" / "cap").exists()  # no inbox of ours
     held = folder / "quarantine" / "cap"
     assert sorted(os.listdir(held)) == ["REASON.txt", "cap"]
     assert "Why: " in (held / "REASON.txt").read_text("utf-8")
+
+
+def logged(state):
+    """What stands in the log of the run of a state, and of the runs inside it."""
+    from prefect import get_client
+    from prefect.client.schemas.filters import LogFilter, LogFilterTimestamp
+    from prefect.logging.handlers import APILogWorker
+
+    APILogWorker.drain_all()
+    with get_client(sync_client=True) as client:
+        since = client.read_flow_run(state.state_details.flow_run_id).start_time
+        lines = client.read_logs(LogFilter(timestamp=LogFilterTimestamp(after_=since)))
+    assert any("cannot be used as a capture" in line.message for line in lines)
+    return "\n".join(line.message for line in lines)
+
+
+def test_scans_that_found_nothing_are_forgotten_and_the_others_are_not(monkeypatch):
+    from prefect import get_client
+    from prefect.states import Cancelled, Completed, Failed
+
+    from flows import forms
+
+    states = [
+        Completed(message="nothing new; nothing new"),
+        Cancelled(message="Deployment concurrency limit reached."),
+        Completed(message="nothing new; 1 taken in"),
+        Failed(message="the disk is away"),
+    ]
+    with get_client(sync_client=True) as client:
+        flow = client.create_flow(forms.scan)
+        deployment = client.create_deployment(flow, "inbox")
+        runs = [client.create_flow_run_from_deployment(deployment, state=state) for state in states]
+        other = client.create_flow_run(forms.scan, state=states[0])
+        monkeypatch.setattr(forms, "flow_run", SimpleNamespace(deployment_id=deployment))
+        forms._forget_idle_scans()
+        assert len(client.read_flow_runs()) >= 5  # none is an hour old
+        monkeypatch.setattr(forms, "_IDLE_KEPT_H", -1)
+        forms._forget_idle_scans()
+        left = {run.id for run in client.read_flow_runs(limit=200)}
+    assert {runs[2].id, runs[3].id, other.id} <= left
+    assert not {runs[0].id, runs[1].id} & left
 
 
 @pytest.mark.s3

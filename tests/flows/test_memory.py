@@ -245,7 +245,7 @@ def test_a_run_that_lost_something_is_failed_and_says_what(file, tmp_path):
     assert [each for each in logs if "NoneType" in each or "Traceback" in each] == []
     state = ingest_archive(str(tmp_path / "archive"), [str(file)], return_state=True)
     assert state.is_completed()
-    assert state.message == "All 1 recordings are in."
+    assert state.message == "okuri48 is in."
 
 
 def test_a_fault_of_the_program_on_one_file_stops_no_other(

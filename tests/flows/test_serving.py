@@ -19,7 +19,7 @@ import pytest
 from flows import serving
 from flows.command.main import main
 from flows.processes import served_processes
-from flows.served import Served, ServingError
+from flows.served import ENDED, Served, ServingError
 from storage import open_archive
 from storage.publication import verify_take
 from tests.conftest import HANGING_S, MEASURED, ROOT
@@ -147,6 +147,9 @@ def test_a_scheduled_run_takes_in_what_is_dropped_and_it_can_be_searched(serve, 
         return "was moved to quarantine" in str(serve.ask("logs/filter", logs))
 
     until(said, "our own lines are not in the log of the run")
+    assert "Traceback" not in str(serve.ask("logs/filter", logs))
+    ended = {"filter": {"event": {"name": [ENDED]}}}
+    until(lambda: serve.ask("events/filter", ended)["events"], "scans do not say that they ended")
     write_walk(serve.inbox / "broken.trc", seed=3)
     until(lambda: "broken" in serve.takes(), "what was mended is not taken in")
 
@@ -204,6 +207,7 @@ def test_server_worker_and_flow_are_killed_at_once_and_all_goes_on_by_itself(ser
 
     until(none_dead, "runs of the dead count as running")
     [automation] = serve.ask("automations/filter", {})
+    assert {ENDED, "prefect.flow-run.Refused"} < {*automation["trigger"]["expect"]}
     tag = automation["trigger"]["match_related"]["prefect.resource.id"]
     runs = serve.ask("flow_runs/filter", {"limit": 200})
     assert {"scan the inboxes", f"ingest into {serve.archive}"} <= {each["name"] for each in runs}

@@ -27,6 +27,10 @@ change."""
 MASK_FACTS = 4
 """How many numbers tell whether a mask is one [numbers]. See `mask_facts`."""
 
+_CORNER = 0.5
+"""How much farther than it is grown a pixel may be [px]. So one pixel fills the corners, too, that
+a square of three by three takes off."""
+
 _RIM = 2
 """How far from the outline the rim reaches inside [px]. A pixel by which masks are too large, and
 one beside it: codecs keep one color for two by two pixels."""
@@ -36,9 +40,32 @@ _REACH = 5
 has no inside near and keeps its own."""
 
 
-def silhouettes_of(masks: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return the silhouettes (time, row, column) of masks (time, row, column)."""
-    return masks >= HALF
+def silhouettes_of(masks: NDArray[np.uint8], grow_px: float = 0.0) -> NDArray[np.bool_]:
+    """Return the silhouettes (time, row, column) of masks, grown by so many pixels.
+
+    Parameters
+    ----------
+    masks : (time, row, column) uint8
+        How much each pixel is the performer.
+    grow_px
+        How far the outline is moved outward; inward where it is negative.
+    """
+    found = masks >= HALF
+    if grow_px:
+        for silhouette in found:
+            silhouette[:] = _grown(silhouette, grow_px)
+    return found
+
+
+def _grown(silhouette: NDArray[np.bool_], by_px: float) -> NDArray[np.bool_]:
+    """Return a silhouette (row, column) whose outline is moved outward."""
+    if by_px < 0:
+        return ~_grown(~silhouette, -by_px)
+    if not silhouette.any():
+        return silhouette
+    outside = (~silhouette).view(np.uint8)
+    away = cv2.distanceTransform(outside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return away <= by_px + _CORNER
 
 
 def mask_facts(mask: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """`shosa doctor CAPTURE` examines a small filmed capture, and names what was done to it."""
 
+import dataclasses
 import re
 import shutil
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 from flows.command.main import main
+from storage.formats.calibration.toml import write_calibration
+from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import VIDEO_SUFFIXES, open_video, read_frames
 from tasks.checks.examination import _names_apart
@@ -78,6 +81,38 @@ def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys,
     assert [each.stem for each in pictures] == [row[0] for row in rows]
     assert cv2.imread(str(pictures[0])).shape == (480, 1280, 3)
     assert sorted(capture.rglob("*")) == before
+
+
+@pytest.mark.slow
+def test_a_camera_that_was_turned_is_refined_beside_the_capture(capture, capsys, tmp_path):
+    path = capture / "calibration.toml"
+    right = read_capture(capture).cameras
+    turn = cv2.Rodrigues(np.radians([0.4, 1.2, 0.0]))[0]
+    turned = [
+        dataclasses.replace(
+            each, rotation=turn @ each.rotation, translation=turn @ each.translation
+        )
+        if each.name == "cam2"
+        else each
+        for each in right
+    ]
+    write_calibration(path, turned)
+    wrong = path.read_bytes()
+    main(["doctor", str(capture), "--refine"])
+    said = capsys.readouterr().out
+    [line] = [line for line in said.splitlines() if re.match(r"cam2 +[\d.]+ +[\d.]+ +\d+ ", line)]
+    before, after, _, by_deg = map(float, line.split()[1:])
+    assert before > 2.0
+    assert after < 0.6
+    assert by_deg > 0.2  # who hardly moves cannot tell all of it from a move
+    assert path.read_bytes() == wrong
+    written = tmp_path / "sway-doctor" / "calibration.toml"
+    assert f"refined cameras: {written.relative_to(tmp_path)}, in metres with y up" in said
+    shutil.copy(written, path)
+    found = [each.rotation @ right[0].rotation.T for each in read_capture(capture).cameras]
+    for each, camera in zip(found, right, strict=True):  # as the others see it
+        apart = cv2.Rodrigues(each @ found[0].T @ (camera.rotation @ right[0].rotation.T).T)[0]
+        assert np.degrees(np.linalg.norm(apart)) < 0.8  # of 1.3
 
 
 @pytest.mark.slow

@@ -12,15 +12,17 @@ from tasks.checks.telling import (
     all_faults,
     filled_notes,
     judge_telling,
+    narrow_notes,
     stale_shares,
     told_by,
 )
 from tasks.reconstruction.regions.masks import color_rim, mask_facts, silhouettes_of
+from tasks.reconstruction.regions.rims import DISTANCES
 from tasks.reconstruction.regions.stale_outlines import outline_of, stale_outline
 
 ROWS, COLUMNS, FRAMES = 48, 64, 6
 NAMES = ("cam1", "cam2", "cam3")
-CAPTURE = SimpleNamespace(cameras=[SimpleNamespace(name=name) for name in NAMES])
+CAPTURE = SimpleNamespace(cameras=[SimpleNamespace(name=name, height=ROWS) for name in NAMES])
 
 
 def disc(row, column, radius=7.0):
@@ -128,6 +130,22 @@ def test_masks_that_are_none_are_named(change, said):
 def test_masks_are_good_though_one_camera_sees_nobody(change):
     telling = Telling("mask", masks=facts_of(change))
     assert judge_telling(telling, CAPTURE, np.zeros((FRAMES, 3, ROWS, COLUMNS), bool)) == ([], [])
+
+
+def test_masks_that_are_too_narrow_are_named_with_the_line_that_mends_it():
+    edges = np.ones((FRAMES, len(NAMES), len(DISTANCES) + 1))
+    edges[..., -1] = 300  # pixels of rim
+    for c, distance in enumerate((0.0, 1.0, -2.0)):  # where the film has its edge
+        edges[:, c, np.flatnonzero(distance == DISTANCES)] = 9
+    assert narrow_notes(edges[:, ::2], [240] * 2, NAMES[::2]) == []
+    [note] = narrow_notes(edges, [240] * 3, NAMES)
+    assert "camera 'cam2' (1). " in note
+    assert "write grow_px = 1 under [silhouettes] of digitize.toml" in note
+    [large] = narrow_notes(edges, [1080] * 3, NAMES)
+    assert "camera 'cam2' (4). " in large
+    masks = facts_of(lambda mask: mask)
+    silhouettes = np.zeros((FRAMES, 3, ROWS, COLUMNS), bool)
+    assert judge_telling(Telling("mask", masks=masks, edges=edges), CAPTURE, silhouettes)[1]
 
 
 def test_the_rim_of_a_mask_takes_its_color_from_inside(rng):

@@ -47,7 +47,7 @@ def test_the_day_is_counted_and_the_rest_is_not(archive, inbox):
     heads = ("## Failed", "## Refused", "## Taken in", "## The archive")
     assert [page.index(head) for head in heads] == sorted(page.index(head) for head in heads)
     assert "- **digitize kimono**: the disk is full" in page
-    assert "- **broken.bvh, new, since 2026-03-02 16:00**: broken.bvh was refused. Why: " in page
+    assert "- **broken.bvh, new, since 2026-03-02 16:00**: &lt;i&gt;it&lt;/i&gt; \\| is cut" in page
     assert "- **日本\\|語.c3d, since 2026-02-26 14:00**" in page  # it still waits for somebody
     taken = page[page.index("## Taken in") : page.index("## The archive")]
     assert taken.index("| a |") < taken.index("| b\\|c |")  # the newest first

@@ -63,7 +63,8 @@ def test_masks_carve_the_reference_hull_to_the_voxel(capture, reference, tmp_pat
     seen = extract_block(
         **shared, into="work/dancer/a.npz", start=0, end=1, settings=SilhouetteSettings()
     ).block
-    check_take(**shared, blocks=[seen], settings=AgreementSettings(), by="mask")
+    notes = check_take(**shared, blocks=[seen], settings=AgreementSettings(), by="mask")
+    assert not [note for note in notes if "grow_px" in note]  # they are a pixel or two too wide
     hulls = carve_block(
         **shared, silhouettes=seen, into="work/dancer/b.npz", settings=CarvingSettings()
     ).block

@@ -2,8 +2,7 @@
 
 It is two thirds of what a take is written from, and on two processors one of them waits while the
 body is followed from frame to frame. So it can be begun when the voxels are colored, in a thread of
-its own, which leaves the processors to what uses them all, and `assemble_take` adds the rest. The
-files are the same as when they are written last.
+its own, and `assemble_take` adds the rest. The files are the same as when they are written last.
 """
 
 import hashlib
@@ -29,15 +28,12 @@ from storage.provenance import Provenance
 from storage.publication import discard_version, new_version, version_folder
 from storage.schema import NO_CAMERA
 from tasks.capture.films import grid_of, largest_image
-from tasks.engine.threads import hurry, wait_for_room
 
 Blocks = dict[str, list[Written]]
 """What the tasks of a stage wrote, in the order of the frames, by the name of the stage."""
 
 Begin = Callable[[Blocks], "Future[Begun]"]
-"""Begins a version from the blocks of colored voxels, once, and returns what it becomes.
-
-When it is called again, somebody waits for the version."""
+"""Begins a version from the blocks of colored voxels, once, and returns what it becomes."""
 
 
 class GivenUpError(Exception):
@@ -70,7 +66,6 @@ def begin_take(
     settings: Mapping[str, dict[str, Any]],
     *,
     given_up: threading.Event | None = None,
-    in_a_hurry: threading.Event | None = None,
 ) -> Begun:
     """Write the cameras, silhouettes and colored voxels of a new version of a take.
 
@@ -82,9 +77,6 @@ def begin_take(
         Of `silhouettes`, `carving` and `coloring` at least.
     given_up
         Is set by whoever does not want the version any more.
-    in_a_hurry
-        Until it is set, the version is written only as long as nothing else is worked on in as many
-        threads as there are processors. By default it is written at once.
 
     Raises
     ------
@@ -106,7 +98,7 @@ def begin_take(
         provenances = provenances_of(blocks, settings, capture, digest)
         _write_groups(
             place, source, version_folder(take, version), blocks, offsets, provenances,
-            given_up or threading.Event(), in_a_hurry,
+            given_up or threading.Event(),
         )  # fmt: skip
     except BaseException:
         discard_version(place, take, version)
@@ -128,7 +120,7 @@ def beginning_beside(
     archive, capture, digest, take, settings
         As for `assemble_take`.
     """
-    given_up, in_a_hurry = threading.Event(), threading.Event()
+    given_up = threading.Event()
     begun: list[Future[Begun]] = []
     with ThreadPoolExecutor(1) as beside:
 
@@ -137,18 +129,15 @@ def beginning_beside(
                 begun.append(
                     beside.submit(
                         begin_take, archive, capture, digest, take, dict(blocks), settings,
-                        given_up=given_up, in_a_hurry=in_a_hurry,
+                        given_up=given_up,
                     )
                 )  # fmt: skip
-            else:
-                hurry(in_a_hurry)
             return begun[0]
 
         try:
             yield begin
         except BaseException:
             given_up.set()
-            hurry(in_a_hurry)
             for each in begun:
                 if each.exception() is None:
                     discard_version(open_archive(archive).place, take, each.result().version)
@@ -191,14 +180,11 @@ def _write_groups(
     offsets: Mapping[str, NDArray[np.int64]],
     provenances: Mapping[str, Provenance],
     given_up: threading.Event,
-    in_a_hurry: threading.Event | None,
 ) -> None:
     """Write the groups of a version that need no pose."""
 
     def wanted(arrays: Iterator[NDArray]) -> Iterator[NDArray]:
         for array in arrays:
-            if in_a_hurry:
-                wait_for_room(in_a_hurry)
             if given_up.is_set():
                 raise GivenUpError("the version is not wanted any more")
             yield array

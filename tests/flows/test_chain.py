@@ -15,14 +15,12 @@ from storage.recordings import Recording, digest_capture
 from storage.schema import SEGMENTS
 from tasks.body import paper_method
 from tasks.capture import films as capture_films
-from tasks.engine import threads
 from tasks.engine.compiling import read_list
 from tasks.engine.fingerprints import fingerprint
 from tasks.settings import Settings, read_settings
 from tasks.takes.assembling import assemble_take
 from tasks.takes.beginning import GivenUpError, begin_take, beginning_beside
 from tasks.takes.publishing import publish_take
-from tests.conftest import HANGING_S
 from tests.figures.posed_captures import film_posed
 from tests.kernels import called_kernels
 
@@ -130,11 +128,8 @@ def test_a_version_that_was_begun_beside_the_poses_is_the_one_that_is_written_at
     blocks, _ = digitize()
     named = (archive.location, recording.path, recording.digest, "begun")
     with beginning_beside(*named, {}) as begin:
-        with threads._all_at_work():  # by another take, all the time
-            voxels = ("silhouettes", "carving", "coloring")
-            early = begin({stage: blocks[stage] for stage in voxels})
-            assert begin(blocks) is early
-            early.result(HANGING_S)
+        early = begin({stage: blocks[stage] for stage in ("silhouettes", "carving", "coloring")})
+        assert begin(blocks) is early
         rest = {"settings": {}, "changed": {}, "code": "", "notes": []}
         drafts = [
             assemble_take(*named, blocks, **rest, begun=early.result()),

@@ -1,13 +1,8 @@
 """Work on many things at once keeps their order, and does each once."""
 
-import threading
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
 
-from tasks.engine import threads
-from tasks.engine.threads import hurry, side_by_side, wait_for_room
-from tests.conftest import HANGING_S
+from tasks.engine.threads import side_by_side
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 50, 333])
@@ -29,25 +24,3 @@ def test_what_goes_wrong_is_raised():
 
     with pytest.raises(ValueError, match="forty"):
         side_by_side(work, range(80))
-
-
-def test_who_waits_for_room_goes_on_in_a_hurry_or_when_others_are_through(monkeypatch):
-    monkeypatch.setattr(threads, "THREADS", 2)
-    at_work, through = threading.Event(), threading.Event()
-    calm, in_a_hurry = threading.Event(), threading.Event()
-
-    def work(_):
-        at_work.set()
-        return through.wait(HANGING_S)
-
-    with ThreadPoolExecutor(3) as pool:
-        working = pool.submit(side_by_side, work, range(4))
-        assert at_work.wait(HANGING_S)
-        late, early = pool.submit(wait_for_room, calm), pool.submit(wait_for_room, in_a_hurry)
-        hurry(in_a_hurry)
-        early.result(HANGING_S)
-        assert not late.done()
-        through.set()
-        assert all(working.result(HANGING_S))
-        late.result(HANGING_S)
-    wait_for_room(calm)

@@ -6,31 +6,24 @@ stands in the forms.
 """
 
 import logging
-import time
 from collections import Counter
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from prefect import State, flow, get_client
+from prefect import State, flow
 from prefect.artifacts import create_table_artifact
-from prefect.client.schemas.filters import (
-    FlowRunFilter,
-    FlowRunFilterDeploymentId,
-    FlowRunFilterEndTime,
-)
-from prefect.client.schemas.sorting import FlowRunSort
-from prefect.events import emit_event
 from prefect.exceptions import FailedRun
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 from pydantic import BaseModel, ConfigDict, Field
 
 from flows.artifacts import shown
-from flows.inbox import NOTHING_NEW, ingest_here, scan_inbox, state_of
+from flows.idle import forget_idle_scans, tell_end
+from flows.inbox import ingest_here, scan_inbox, state_of
 from flows.outcomes import REFUSED
-from flows.served import ENDED, Served, read_served
+from flows.served import Served, read_served
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
@@ -46,9 +39,6 @@ _MOST_PATHS, _MOST_MATCHES = 100, 1000
 """How much one form may ask for. Chosen: a page."""
 _NAMED = 3  # recordings in the name of a run
 _LONGEST = 4096  # the longest path of a system
-_APART_S = 1.0  # between a beat and the end: what comes together the server takes in any order
-_IDLE_KEPT_H = 1  # how long scans that found nothing are shown; 1440 a day would hide the others
-_IDLE_FORGOTTEN = 10  # at most so many in one scan: it should be over soon
 
 Part = Literal[
     "whole", "upper", "lower", "arms", "right-arm", "left-arm", "legs", "right-leg", "left-leg",
@@ -100,45 +90,11 @@ def scan() -> State[Any]:
         for inbox in served.inboxes
     ]
     said = "; ".join(state.message or "" for state in states)
-    shown(_forget_idle_scans)
-    _tell_end()
+    shown(forget_idle_scans)
+    tell_end()
     if bad := [state for state in states if not state.is_completed()]:
         return Failed(name=bad[0].name or "Failed", message=said)
     return Completed(message=said)
-
-
-def _forget_idle_scans() -> None:
-    """Remove scans from the dashboard that found nothing, or never began, after an hour."""
-    if not flow_run.deployment_id:
-        return
-    before = datetime.now(UTC) - timedelta(hours=_IDLE_KEPT_H)
-    scans = FlowRunFilter(
-        deployment_id=FlowRunFilterDeploymentId.model_validate({"any_": [flow_run.deployment_id]}),
-        end_time=FlowRunFilterEndTime.model_validate({"before_": before}),
-    )
-    with get_client(sync_client=True) as client:
-        ended = client.read_flow_runs(flow_run_filter=scans, sort=FlowRunSort.END_TIME_DESC)
-        idle = [run for run in ended if run.state and is_idle(run.state)]
-        for run in idle[-_IDLE_FORGOTTEN:]:
-            client.delete_flow_run(run.id)
-
-
-def is_idle(state: State[Any]) -> bool:
-    """Say whether a scan with this state found nothing, or was not begun beside another."""
-    if state.is_cancelled():
-        return True
-    return state.is_completed() and {*(state.message or "").split("; ")} == {NOTHING_NEW}
-
-
-def _tell_end() -> None:
-    """Tell the server that no more beats come.
-
-    Of a run on a schedule it considers the end itself only minutes later, as it waits for an event
-    of its scheduling, which there is none of: each scan would look like one whose heart stopped.
-    """
-    if flow_run.id:
-        time.sleep(_APART_S)
-        emit_event(ENDED, resource={"prefect.resource.id": f"prefect.flow-run.{flow_run.id}"})
 
 
 def _name_of_ingestion() -> str:

@@ -343,7 +343,7 @@ def test_scans_that_found_nothing_are_forgotten_and_the_others_are_not(monkeypat
     from prefect import get_client
     from prefect.states import Cancelled, Completed, Failed
 
-    from flows import forms
+    from flows import forms, idle
 
     states = [
         Completed(message="nothing new; nothing new"),
@@ -356,11 +356,11 @@ def test_scans_that_found_nothing_are_forgotten_and_the_others_are_not(monkeypat
         deployment = client.create_deployment(flow, "inbox")
         runs = [client.create_flow_run_from_deployment(deployment, state=state) for state in states]
         other = client.create_flow_run(forms.scan, state=states[0])
-        monkeypatch.setattr(forms, "flow_run", SimpleNamespace(deployment_id=deployment))
-        forms._forget_idle_scans()
+        monkeypatch.setattr(idle, "deployment", SimpleNamespace(id=str(deployment)))
+        idle.forget_idle_scans()
         assert len(client.read_flow_runs()) >= 5  # none is an hour old
-        monkeypatch.setattr(forms, "_IDLE_KEPT_H", -1)
-        forms._forget_idle_scans()
+        monkeypatch.setattr(idle, "_IDLE_KEPT_H", -1)
+        idle.forget_idle_scans()
         left = {run.id for run in client.read_flow_runs(limit=200)}
     assert {runs[2].id, runs[3].id, other.id} <= left
     assert not {runs[0].id, runs[1].id} & left

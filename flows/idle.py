@@ -1,0 +1,56 @@
+"""What is left on the server of scans that found nothing: no list of runs full of them."""
+
+import time
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from prefect import State, get_client
+from prefect.client.schemas.filters import (
+    FlowRunFilter,
+    FlowRunFilterDeploymentId,
+    FlowRunFilterEndTime,
+)
+from prefect.client.schemas.sorting import FlowRunSort
+from prefect.events import emit_event
+from prefect.runtime import deployment, flow_run
+
+from flows.inbox import NOTHING_NEW
+from flows.served import ENDED
+
+_APART_S = 1.0  # between a beat and the end: what comes together the server takes in any order
+_IDLE_KEPT_H = 1  # how long scans that found nothing are shown; 1440 a day would hide the others
+_IDLE_FORGOTTEN = 10  # at most so many in one scan: it should be over soon
+
+
+def forget_idle_scans() -> None:
+    """Remove scans from the dashboard that found nothing, or never began, after an hour."""
+    if not deployment.id:
+        return
+    before = datetime.now(UTC) - timedelta(hours=_IDLE_KEPT_H)
+    scans = FlowRunFilter(
+        deployment_id=FlowRunFilterDeploymentId.model_validate({"any_": [deployment.id]}),
+        end_time=FlowRunFilterEndTime.model_validate({"before_": before}),
+    )
+    with get_client(sync_client=True) as client:
+        ended = client.read_flow_runs(flow_run_filter=scans, sort=FlowRunSort.END_TIME_DESC)
+        idle = [run for run in ended if run.state and is_idle(run.state)]
+        for run in idle[-_IDLE_FORGOTTEN:]:
+            client.delete_flow_run(run.id)
+
+
+def is_idle(state: State[Any]) -> bool:
+    """Say whether a scan with this state found nothing, or was not begun beside another."""
+    if state.is_cancelled():
+        return True
+    return state.is_completed() and {*(state.message or "").split("; ")} == {NOTHING_NEW}
+
+
+def tell_end() -> None:
+    """Tell the server that no more beats come.
+
+    Of a run on a schedule it considers the end itself only minutes later, as it waits for an event
+    of its scheduling, which there is none of: each scan would look like one whose heart stopped.
+    """
+    if flow_run.id:
+        time.sleep(_APART_S)
+        emit_event(ENDED, resource={"prefect.resource.id": f"prefect.flow-run.{flow_run.id}"})

@@ -1,6 +1,6 @@
 """Make the background of a camera, pixel by pixel, and measure how bright a frame is beside it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -69,22 +69,22 @@ class Background:
     """Share of the picture in which it is no guess."""
     key: str = ""
     """The color of the screen that it was found by, where it was."""
+    planes: NDArray[np.float32] = field(init=False, repr=False)
+    """(4, row, column), red, green and blue, of which `color` is a view, and their sum."""
+
+    def __post_init__(self) -> None:
+        """Lay the color out in planes, once: of 1920 x 1080 pixels it has 25 MB a camera."""
+        planes = np.empty((4, *self.color.shape[:2]), np.float32)
+        planes[:3] = self.color.transpose(2, 0, 1)
+        planes[3] = planes[0] + planes[1] + planes[2]
+        object.__setattr__(self, "planes", planes)
+        object.__setattr__(self, "color", planes[:3].transpose(1, 2, 0))
 
     @cached_property
     def brightness(self) -> NDArray[np.float32]:
         """(row / 3, column / 3), sum of the channels of the pixels that tell a frame's gain."""
         red, green, blue = np.moveaxis(self.color[::_STEP, ::_STEP], -1, 0)
         return red + green + blue
-
-    @cached_property
-    def planes(self) -> NDArray[np.float32]:
-        """(4, row, column), red, green and blue, and their sum."""
-        planes = np.empty((4, *self.color.shape[:2]), np.float32)
-        planes[:3] = self.color.transpose(2, 0, 1)
-        planes[3] = planes[0] + planes[1] + planes[2]
-        # one copy is enough: of 1920 x 1080 pixels a picture has 25 MB, and there is one a camera
-        object.__setattr__(self, "color", planes[:3].transpose(1, 2, 0))
-        return planes
 
 
 def smooth(image: NDArray[np.uint8], into: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:

@@ -52,21 +52,21 @@ test-long: setup
 
 bench: setup
 	$(call install,bench)
-	$(BIN)/python -m tests.benchmarks.search
-	$(BIN)/python -m tests.benchmarks.index
-	$(BIN)/python -m tests.benchmarks.archive
-	$(BIN)/python -m tests.benchmarks.reading
-	$(BIN)/python -m tests.benchmarks.silhouettes
-	$(BIN)/python -m tests.benchmarks.carving
-	$(BIN)/python -m tests.benchmarks.digitization
+	$(BIN)/python -m tests.benchmarks.similarity.search
+	$(BIN)/python -m tests.benchmarks.similarity.index
+	$(BIN)/python -m tests.benchmarks.running.archive
+	$(BIN)/python -m tests.benchmarks.running.reading
+	$(BIN)/python -m tests.benchmarks.voxels.silhouettes
+	$(BIN)/python -m tests.benchmarks.voxels.carving
+	$(BIN)/python -m tests.benchmarks.voxels.digitization
 
 # about a quarter of an hour: twenty captures filmed, digitized and scored
 bench-poses: setup
-	$(BIN)/python -m tests.benchmarks.poses
+	$(BIN)/python -m tests.benchmarks.bodies.poses
 
 # some minutes on one core: what is found, and what distances mean, where the truth is known
 bench-retrieval: setup
-	$(BIN)/python -m tests.benchmarks.retrieval
+	$(BIN)/python -m tests.benchmarks.similarity.retrieval
 
 # a wheel for this system and Python that carries its kernels: who installs it waits for no compiler
 wheel: setup

@@ -1,6 +1,6 @@
 """How much each evidence speaks against a segment.
 
-Written by `python -m tests.benchmarks.doubt --learn`, not by hand.
+Written by `python -m tests.benchmarks.bodies.doubt --learn`, not by hand.
 """
 
 WEIGHTS: dict[str, tuple[float, dict[str, float]]] = {

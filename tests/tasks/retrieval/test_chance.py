@@ -9,7 +9,7 @@ from tasks.retrieval import chance as module
 from tasks.retrieval.chance import FEWEST_CLIPS, Chance, measure_chance, one_in
 from tasks.retrieval.searching import Query, SearchSettings, search_takes
 from tasks.retrieval.segments import PackedTake
-from tests.benchmarks.motions import make_query, make_take, pack_query
+from tests.benchmarks.similarity.motions import make_query, make_take, pack_query
 
 FRAMES = 24
 FEET = SearchSettings(part="feet", top=100_000)

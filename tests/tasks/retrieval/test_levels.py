@@ -11,7 +11,7 @@ from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import SearchSettings, search_takes
 from tasks.studio.dancing.choreography import lonely, okuri48, radio_arms, walk
 from tasks.studio.performances import SH, TK, YS, generate_performance
-from tests.benchmarks import retrieval_truth as truth
+from tests.benchmarks.similarity import truth
 
 RATE_HZ = truth.RATE_HZ
 

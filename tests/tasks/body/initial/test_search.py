@@ -26,7 +26,7 @@ from tasks.reconstruction.silhouettes import extract_silhouettes
 from tasks.rendering.initial_model import draw_initial_model
 from tasks.studio.dancing.choreography import freely
 from tasks.studio.performances import TK, generate_performance
-from tests.benchmarks.pose_dances import reshape
+from tests.benchmarks.bodies.dances import reshape
 from tests.figures.initial_figures import (
     GRID,
     LIMBS,

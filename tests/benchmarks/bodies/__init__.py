@@ -1,0 +1,1 @@
+"""Benchmarks of poses, labels and doubt, on captures of known truth."""

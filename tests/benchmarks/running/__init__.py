@@ -1,0 +1,1 @@
+"""Benchmarks of what surrounds the work: Prefect, reading, the archive, the viewer."""

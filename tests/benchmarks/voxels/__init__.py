@@ -1,0 +1,1 @@
+"""Benchmarks of what is made of films: silhouettes, voxels and takes; cameras that are late."""

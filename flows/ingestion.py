@@ -307,7 +307,7 @@ def _digitize(
     opened = open_archive(archive)
     before = read_record(opened.place, recording.take)
     try:
-        draft = digitize_take(archive, recording, settings, again)
+        draft: Any = digitize_take(archive, recording, settings, again)  # a failed state raises
         return draft, draft["published"]
     except Exception as error:
         if not is_server_fault(error):

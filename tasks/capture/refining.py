@@ -162,7 +162,8 @@ def _best_step(
     rarely = 1.0 / (1.0 + (by**2).sum(axis=1) / _RARE**2)
     stay = np.repeat(rarely, 6) * usual**-2.0
     square = (slope * weight[:, None]).T @ slope + np.diag(stay)
-    return -np.linalg.solve(square, slope.T @ (weight * apart) + change * stay)
+    pull = slope.T @ (weight * apart) + change * stay
+    return np.asarray(-np.linalg.solve(square, pull), np.float64)
 
 
 def _moved(projection: Projection, change: NDArray[np.float64]) -> Projection:
@@ -188,7 +189,7 @@ def _only(projection: Projection, cameras: Sequence[int]) -> Projection:
 
 def _part(outline: Outline, frames: NDArray[np.integer]) -> Outline:
     """Return the corners of some of the frames."""
-    ranges = [np.arange(outline.begin[n], outline.begin[n + 1]) for n in frames]
+    ranges = [np.arange(*outline.begin[n : n + 2].tolist()) for n in frames]
     kept = np.concatenate(ranges).astype(int)
     begin = np.concatenate([[0], np.cumsum([len(each) for each in ranges])])
     return Outline(outline.ray[kept], outline.is_cut_off[kept], begin)

@@ -17,14 +17,10 @@ from tasks.exporting.joints import write_joint_track
 from tasks.rendering.figures import draw_overlay
 from tasks.rendering.views import render_take
 from tasks.retrieval.answering import find_matches
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import lonely, okuri48, wait
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import SH, TK, generate_performance
 
 folder = Path("shosa-tutorial")

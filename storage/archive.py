@@ -86,7 +86,7 @@ class Take:
     @cached_property
     def silhouettes(self) -> "xarray.DataArray":
         """`(time, camera, row, column)` bool in the pixels of the videos, read on use."""
-        from storage.arrays.voxels import open_silhouettes
+        from storage.arrays.silhouettes import open_silhouettes
 
         self._check_stage("silhouettes")
         return open_silhouettes(self.place, self.folder, self.record.files)

@@ -1,8 +1,6 @@
-"""Cameras, silhouettes and voxels of a take in and out of Zarr.
+"""Voxels of a take in and out of Zarr, ragged over time.
 
-    cameras       a row a camera
-    silhouettes   silhouette (time, camera, row, column)
-    voxels        ragged over time, for frame t:
+    voxels        for frame t:
                   runs      run_offset[t]     to run_offset[t + 1]:      run_start, run_length
                   voxels    voxel_offset[t]   to voxel_offset[t + 1]:    is_surface, labels
                   surface   surface_offset[t] to surface_offset[t + 1]:  color, camera
@@ -12,7 +10,7 @@ along z: the number of its first voxel, and how many they are. The voxels of a f
 their numbers, are those of its runs; its surface voxels are those of them with `is_surface`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -20,20 +18,14 @@ import numpy as np
 import xarray
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import ZstdCodec
 
-from storage.arrays.groups import open_group, open_store, opening, write_group
-from storage.formats.calibration.camera import Camera
+from storage.arrays.groups import open_store, opening
+from storage.arrays.pieces import AS_IT_COMES, ZSTD, new_group, regrouped, write_time, write_whole
 from storage.places import Place, told, zarr_store
-from storage.provenance import Provenance
 from storage.schema import NO_CAMERA, SPACE
 
 _CHUNK = 1 << 18  # values read at once: a few frames of a performer
 _SHARD = 1 << 22  # values in a file
-_PICTURES_BYTES = 1 << 25  # of silhouettes in a file
-_PICTURES_READ = 8  # frames of a camera read at once
-_ZSTD = ZstdCodec(level=3)  # before shuffling: labels and runs come out smaller so
-_AS_IT_COMES: Any = {"write_empty_chunks": True}  # else each value is first compared with the fill
 _WRITERS = 2  # arrays that are written at a time, whole shards each: two shards are in memory
 
 RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
@@ -49,97 +41,6 @@ RAGGED: dict[str, tuple[str, str, tuple[int, ...]]] = {
 
 _OVER = ("run", "voxel", "surface")
 """What the ragged arrays go over."""
-
-
-def write_cameras(
-    place: Place, folder: str, cameras: Sequence[Camera], provenance: Provenance,
-    first_frames: Sequence[int] = (),
-) -> None:  # fmt: skip
-    """Write the group `cameras` of the version in `folder`: metres, y up, OpenCV's lens.
-
-    `first_frames` are the frames of their films that are frame 0 of the take, 0 by default.
-    """
-    distortion = np.zeros((len(cameras), 8))
-    for row, camera in zip(distortion, cameras, strict=True):
-        row[: len(camera.distortion)] = camera.distortion
-    names = [camera.name for camera in cameras]
-    size = np.array([camera.size for camera in cameras], np.int64)
-    dataset = xarray.Dataset(
-        {
-            "intrinsics": (
-                ("camera", "row_of_matrix", "column_of_matrix"),
-                np.stack([camera.intrinsics for camera in cameras]),
-                {"units": "px", "meaning": "pixel centers at integers"},
-            ),
-            "distortion": (("camera", "coefficient"), distortion),
-            "rotation": (
-                ("camera", "space_of_camera", "space"),
-                np.stack([camera.rotation for camera in cameras]),
-                {"meaning": "from the world's axes to the camera's: x right, y down, z ahead"},
-            ),
-            "translation": (
-                ("camera", "space_of_camera"),
-                np.stack([camera.translation for camera in cameras]),
-                {"units": "m", "meaning": "x = intrinsics (rotation X + translation)"},
-            ),
-            "image_size": (("camera", "side"), size, {"meaning": "columns, rows", "units": "px"}),
-            "first_frame": (
-                ("camera",),
-                np.array(first_frames or [0] * len(cameras), np.int64),
-                {"meaning": "the frame of the camera's film that is frame 0 of the take"},
-            ),
-        },
-        coords={"camera": names, "space": list(SPACE)},
-        attrs={
-            "cameras": names,  # string arrays are not in the v3 specification
-            "coefficients": ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
-            "provenance": provenance.attributes(),
-        },
-    )
-    write_group(place, folder, "cameras", dataset)
-
-
-def write_silhouettes(
-    place: Place,
-    folder: str,
-    blocks: Iterable[NDArray[np.bool_]],
-    shape: tuple[int, int, int, int],
-    *,
-    cameras: Sequence[str],
-    rate_hz: float,
-    provenance: Provenance,
-) -> None:
-    """Write the group `silhouettes` of the version in `folder`, a block after another.
-
-    Parameters
-    ----------
-    blocks
-        (time, camera, row, column) bool: the frames in their order.
-    shape
-        Of all of them together.
-    """
-    frames, count, rows, columns = shape
-    held = max(1, min(frames, _PICTURES_BYTES // (count * rows * columns)))
-    read = min(held, _PICTURES_READ)
-    held -= held % read
-    with told(f"write {place.url(folder)}"):
-        group = _new_group(
-            place, folder, "silhouettes", cameras=list(cameras), rate_hz=rate_hz,
-            provenance=provenance.attributes(),
-        )  # fmt: skip
-        _write_time(group, frames, rate_hz)
-        array = group.create_array(
-            "silhouette",
-            shape=shape,
-            dtype="bool",
-            chunks=(read, 1, rows, columns),
-            shards=(held, count, rows, columns),
-            compressors=[_ZSTD],
-            dimension_names=("time", "camera", "row", "column"),
-            config=_AS_IT_COMES,
-        )
-        for start, part in _regrouped(blocks, held):
-            array[start : start + len(part)] = part
 
 
 def write_voxels(
@@ -167,10 +68,10 @@ def write_voxels(
     """
     frames = len(offsets["run"]) - 1
     with told(f"write {place.url(folder)}"):
-        group = _new_group(place, folder, "voxels", rate_hz=rate_hz, **attributes)
-        _write_time(group, frames, rate_hz)
+        group = new_group(place, folder, "voxels", rate_hz=rate_hz, **attributes)
+        write_time(group, frames, rate_hz)
         for over, offset in offsets.items():
-            _write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
+            write_whole(group, f"{over}_offset", offset.astype(np.int64), ("edge",))
     write_ragged(place, folder, offsets, parts, array_attributes)
 
 
@@ -192,19 +93,11 @@ def write_ragged(
 
         def fill(name: str) -> None:
             array: Any = arrays[name]
-            for start, part in _regrouped(parts[name], array.shards[0]):
+            for start, part in regrouped(parts[name], array.shards[0]):
                 array[start : start + len(part)] = part
 
         with ThreadPoolExecutor(_WRITERS) as pool:
             list(pool.map(fill, parts))
-
-
-def open_silhouettes(
-    place: Place, folder: str, files: Mapping[str, Mapping[str, Any]] | None = None
-) -> xarray.DataArray:
-    """Return `(time, camera, row, column)` bool, read when it is used; `files` as `open_group`."""
-    dataset = open_group(place, folder, "silhouettes", files)
-    return dataset["silhouette"].assign_coords(camera=dataset.attrs["cameras"])
 
 
 def read_voxels(voxels: zarr.Group, frame: int) -> xarray.Dataset:
@@ -332,12 +225,6 @@ def open_voxels(
         return zarr.open_group(store, path="voxels", mode="r", use_consolidated=False)
 
 
-def _new_group(place: Place, folder: str, name: str, **attributes: Any) -> zarr.Group:
-    """Make a group of the version in `folder`, which has none of this name."""
-    store = zarr_store(place, folder)
-    return zarr.create_group(store, path=name, zarr_format=3, attributes=attributes)
-
-
 def _new_ragged(
     group: zarr.Group,
     name: str,
@@ -355,49 +242,11 @@ def _new_ragged(
         dtype=kind,
         chunks=(chunk, *entry),
         shards=(shard, *entry),
-        compressors=[_ZSTD],
+        compressors=[ZSTD],
         dimension_names=(over, *(("rgb",) if entry else ())),
         attributes=attributes,
-        config=_AS_IT_COMES,
+        config=AS_IT_COMES,
     )
-
-
-def _write_time(group: zarr.Group, frames: int, rate_hz: float) -> None:
-    _write_whole(group, "time", np.arange(frames) / rate_hz, ("time",), units="s")
-
-
-def _write_whole(
-    group: zarr.Group, name: str, values: NDArray, dims: tuple[str, ...], **attributes: Any
-) -> None:
-    """Write an array that is small enough for one piece."""
-    group.create_array(
-        name,
-        data=values,
-        chunks=values.shape,
-        compressors=[_ZSTD],
-        dimension_names=dims,
-        attributes=attributes,
-    )
-
-
-def _regrouped(parts: Iterable[NDArray], length: int) -> Iterator[tuple[int, NDArray]]:
-    """Yield the entries of all parts, `length` at a time, each time with the first one's place.
-
-    What was yielded is written over by what comes next.
-    """
-    start, held, group = 0, 0, np.empty(0)
-    for part in parts:
-        if not len(group):
-            group = np.empty((length, *part.shape[1:]), part.dtype)
-        while len(part):
-            taken, part = part[: length - held], part[length - held :]
-            group[held : held + len(taken)] = taken
-            held += len(taken)
-            if held == length:
-                yield start, group
-                start, held = start + held, 0
-    if held:
-        yield start, group[:held]
 
 
 def _shape(voxels: zarr.Group) -> tuple[int, int, int]:

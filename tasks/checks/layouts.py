@@ -20,8 +20,9 @@ from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import project_points
 from tasks.geometry.voxels import VoxelGrid, count_voxels, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48, radio_arms, radio_knees, radio_sides
-from tasks.studio.filming import RingSettings, generate_cameras, stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
 from tasks.studio.performances import TK, generate_performance
 from tasks.studio.stage.bodies import BodySurface, pose_surface
 from tasks.studio.stage.rasterization import draw_triangles, project_bent

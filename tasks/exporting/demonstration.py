@@ -11,7 +11,8 @@ from tasks.exporting.joints import write_joint_track
 from tasks.rendering.figures import draw_overlay, draw_stick_figures
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match
-from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import DemoSearch, DemoTake
 
 _SUFFIXES = (".bvh", ".c3d", ".trc")

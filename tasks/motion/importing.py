@@ -34,21 +34,14 @@ from storage.recordings import Recording
 from storage.schema import JOINTS
 from tasks.engine.fingerprints import code_behind
 from tasks.engine.settings import NotNegative, Positive
-from tasks.geometry.runs import inner_runs
 from tasks.motion.bearings import AXES, find_floor, find_unit, find_up, side_notes
 from tasks.motion.gaps import fill_gaps, filter_low_pass
-from tasks.motion.marker_choice import Choice, choose_points, place_joints
+from tasks.motion.marker_choice import choose_points, place_joints
+from tasks.motion.said import gap_notes, joint_faults, joint_notes
 from tasks.motion.stature import DEFAULT_STATURE_M, joints_present, measure_stature
 from tasks.motion.strays import remove_strays
-from tasks.motion.virtual_joints import plan_points
 
 logger = logging.getLogger(__name__)
-
-FEWEST_JOINTS = 6
-"""How many joints a take has at least. Fewer are no body that a search could compare; chosen, not
-measured."""
-_NAMES_SAID = 60
-"""How many names a message lists. Chosen, not measured."""
 
 Positions = NDArray[np.float64]
 
@@ -123,7 +116,7 @@ def make_joint_track(
     choice = choose_points(motion.names, _present(motion.names, raw), settings.mapping or ())
     faults = [*choice.faults, *_low_pass_faults(motion, settings)]
     unit_m, unit_notes = math.nan, []
-    if no_body := list(_joint_faults(place_joints(raw, choice), choice, motion)):
+    if no_body := list(joint_faults(place_joints(raw, choice), choice, motion)):
         faults += no_body
     else:
         unit_m, unit_notes, unit_faults = find_unit(
@@ -137,14 +130,14 @@ def make_joint_track(
     longest = math.floor(settings.longest_gap_s * motion.rate_hz + 1e-9)
     measured, stray_notes, faults = remove_strays(raw[:, markers] * unit_m, names, motion.rate_hz)
     if stray_notes:  # what is left may be no body
-        faults += _joint_faults(place_joints(measured, choice), choice, motion)
+        faults += joint_faults(place_joints(measured, choice), choice, motion)
     if faults:
         raise InputError(f"{file_name} cannot be imported: {'; '.join([*faults, *stray_notes])}")
     whole = fill_gaps(measured, longest)
     position = place_joints(whole, choice)
     filled = np.isfinite(position[..., 0])
     filled &= False if whole is measured else np.isnan(place_joints(measured, choice)[..., 0])
-    gap_notes = list(_gap_notes(measured, whole, names, longest))
+    gaps = list(gap_notes(measured, whole, names, longest))
     del measured, whole  # of a long take they are large
     rest = None if motion.rest is None else place_joints(motion.rest[None, markers], choice)
     up, up_notes = find_up(position, motion, up=settings.up, rest=rest)
@@ -152,12 +145,12 @@ def make_joint_track(
         position = position @ AXES[up].T
     notes = [
         *motion.notes,
-        *_joint_notes(choice, position),
+        *joint_notes(choice, position),
         *choice.notes,
         *unit_notes,
         *up_notes,
         *stray_notes,
-        *gap_notes,
+        *gaps,
         *side_notes(position),
     ]
     if settings.low_pass_hz is not None:
@@ -217,24 +210,6 @@ def _low_pass_faults(motion: MotionFile, settings: ImportSettings) -> Iterator[s
         )
 
 
-def _joint_faults(position: Positions, choice: Choice, motion: MotionFile) -> Iterator[str]:
-    """Say which hips and how many joints are missing, and what the file has instead."""
-    have = _joints_there(position)
-    lost = [hip for hip in ("RHip", "LHip") if hip not in have]
-    if not lost and len(have) >= FEWEST_JOINTS:
-        return
-    if lost:
-        yield f"it has no {' and no '.join(lost)}, and the hips are the frame of the body"
-    if len(have) < FEWEST_JOINTS:
-        yield f"it has {len(have)} joints where at least {FEWEST_JOINTS} are wanted"
-    near = f"the nearest marker set is {choice.marker_set}, which gives {', '.join(have)}"
-    yield near if have else "no marker set makes a joint of its names"
-    names = [name for name in motion.names if name.strip()]
-    said = ", ".join(names[:_NAMES_SAID]) or "none"
-    more = f" and {len(names) - _NAMES_SAID} more" if len(names) > _NAMES_SAID else ""
-    yield f"its names are {said}{more}: say with --map which of them are joints"
-
-
 def _find_stature(
     position: Positions, settings: ImportSettings
 ) -> tuple[float | None, str, list[str]]:
@@ -249,43 +224,6 @@ def _find_stature(
         )
         return None, "unknown", [note]
     return stature, "measured", []
-
-
-def _joints_there(position: Positions) -> list[str]:
-    return [name for i, name in enumerate(JOINTS) if np.isfinite(position[:, i]).any()]
-
-
-def _joint_notes(choice: Choice, position: Positions) -> Iterator[str]:
-    """Say the marker set, which joints are virtual and how, and which are missing."""
-    yield f"The markers were taken for the set {choice.marker_set}."
-    ways: dict[str, list[str]] = {}
-    for rule in plan_points(choice.recipes):
-        ways.setdefault(rule.how, []).append(rule.point)
-    for how, points in ways.items():
-        yield f"Placed by rule, {' and '.join(points)}: {how}."
-    have = _joints_there(position)
-    if lost := [joint for joint in JOINTS if joint not in have]:
-        yield f"Missing joints: {', '.join(lost)}."
-
-
-def _gap_notes(
-    measured: Positions, whole: Positions, names: tuple[str, ...], longest: int
-) -> Iterator[str]:
-    """Say which gaps were filled, and which were too long for it."""
-    before, after = np.isnan(measured[..., 0]), np.isnan(whole[..., 0])
-    gone = before & ~after
-    if gone.any():
-        said = [names[i] for i in np.flatnonzero(gone.any(axis=0))]
-        yield (
-            f"Gaps of up to {longest} frames were filled by a cubic spline: {gone.sum()} frames of "
-            f"{', '.join(said)}."
-        )
-    if after.any():
-        lost = [(name, after[:, i]) for i, name in enumerate(names) if after[:, i].any()]
-        said = [f"{name} {missing.sum()}" for name, missing in lost]
-        longer = max((e - s for _, missing in lost for s, e in inner_runs(missing)), default=0)
-        inner = f", the longest inside {longer} frames" if longer else ""
-        yield f"Frames still missing (long gaps and ends{inner}): {', '.join(said)}."
 
 
 def read_joint_track(path: Path, settings: ImportSettings) -> tuple[JointTrack, str]:

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage import open_archive
-from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
+from storage.arrays.cameras import write_cameras
+from storage.arrays.silhouettes import write_silhouettes
+from storage.arrays.voxels import write_voxels
 from storage.blocks import Written, read_block
 from storage.errors import InputError
 from storage.formats.capture.capture import Capture, capture_of

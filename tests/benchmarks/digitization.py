@@ -27,7 +27,8 @@ from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from storage.recordings import Recording, digest_capture
 from tasks.settings import Settings, settings_of_stages
-from tasks.studio.filming import FilmSettings, film_capture, stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import demo_performances
 from tasks.takes.assembling import assemble_take
 from tasks.takes.beginning import beginning_beside

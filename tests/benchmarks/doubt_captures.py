@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tasks.studio.filming import RingSettings
+from tasks.studio.cameras import RingSettings
 from tests.benchmarks.pose_captures import CHILD, NOISY, Plan, film_plans
 
 FRAMES = 130

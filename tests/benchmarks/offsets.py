@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from storage.formats.calibration.reading import read_calibration
 from storage.formats.capture.capture import read_capture
-from tasks.capture.films import projection_of, read_backgrounds, read_films
+from tasks.capture.empty_stages import read_backgrounds
+from tasks.capture.films import projection_of, read_films
 from tasks.capture.tangency import find_outline, find_touches
 from tasks.checks.offsets import Beginnings, Passage, Timing, judge_beginnings, timing_of
 from tasks.geometry.projection import Projection

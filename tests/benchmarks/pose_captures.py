@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.cameras import RingSettings, generate_cameras
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.stage.bodies import Clothes
 from tasks.studio.stage.scenes import Spoilers
 from tests.benchmarks.pose_dances import (

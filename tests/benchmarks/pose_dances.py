@@ -19,7 +19,7 @@ from tasks.studio.dancing.choreography import (
     walk,
 )
 from tasks.studio.dancing.limbs import unit
-from tasks.studio.filming import stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
 from tasks.studio.performances import SH, TK, YS, Performer, generate_performance
 
 Track = NDArray[np.float64]

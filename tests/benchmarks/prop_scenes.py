@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
+from tasks.studio.cameras import generate_cameras
 from tasks.studio.dancing.limbs import unit
-from tasks.studio.filming import FilmSettings, film_capture, generate_cameras
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.stage.bodies import BodySurface, Clothes, pose_surface
 from tasks.studio.stage.scenes import Spoilers
 from tasks.studio.stage.tubes import Color, Track, Tube, close_tube, join_tubes, tube_along

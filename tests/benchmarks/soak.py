@@ -28,8 +28,9 @@ from storage.formats.motion.trc import write_trc
 from storage.publication import collect_garbage
 from storage.schema import JOINTS
 from tasks.checks.upkeep import verify_archive
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 from tests.conftest import swaying_body
 

@@ -4,9 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from storage.arrays.cameras import write_cameras
 from storage.arrays.groups import write_motion
 from storage.arrays.poses import write_body, write_pose
-from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
+from storage.arrays.silhouettes import write_silhouettes
+from storage.arrays.voxels import write_voxels
 from storage.formats.calibration.camera import Camera
 from storage.provenance import Provenance
 from storage.publication import Record, describe_files, publish_record, version_folder

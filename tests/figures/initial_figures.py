@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from storage.schema import JOINTS
 from tasks.geometry.voxels import VoxelGrid, encode_runs, voxel_centers, voxel_index
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
 from tasks.studio.performances import SH, generate_performance
 from tasks.studio.stage.bodies import pose_surface
 

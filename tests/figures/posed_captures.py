@@ -2,13 +2,9 @@
 
 from pathlib import Path
 
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.cameras import RingSettings, generate_cameras
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tests.conftest import swaying_body
 
 

@@ -22,13 +22,9 @@ from storage.archive import Take
 from storage.records import Record
 from tasks.retrieval.answering import Answer
 from tasks.retrieval.searching import Match, SearchSettings
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.cameras import RingSettings, generate_cameras
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tests.conftest import swaying_body
 from tests.figures.digitized_takes import write_digitized
 

@@ -26,14 +26,10 @@ from tasks.geometry.voxels import decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.coloring import ColoringSettings, color_surface
 from tasks.reconstruction.silhouettes import extract_silhouettes
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 from tests.conftest import HANGING_S, swaying_body
 

@@ -16,13 +16,9 @@ from storage.formats.pictures.video import open_video, read_frames
 from storage.recordings import Recording, digest_capture
 from tasks.capture import films as capture_films
 from tasks.settings import Settings
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.cameras import RingSettings, generate_cameras
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tests.conftest import swaying_body
 from viewer.films import film_pictures, open_films
 

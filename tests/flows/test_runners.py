@@ -17,8 +17,9 @@ from tasks.capture import films as capture_films
 from tasks.motion.importing import ImportSettings, import_take
 from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.indexing import index_take
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 from tasks.takes.publishing import publish_take
 

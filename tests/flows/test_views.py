@@ -8,8 +8,9 @@ import pytest
 
 from flows.command.main import BAD_INPUT, DONE, WRONG_USE, main
 from storage import create_archive, open_archive
+from storage.arrays.cameras import write_cameras
 from storage.arrays.poses import write_body, write_pose
-from storage.arrays.voxels import write_cameras, write_voxels
+from storage.arrays.voxels import write_voxels
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.initial import read_initial
 from storage.formats.pictures.video import open_video, read_frames

@@ -1,4 +1,4 @@
-"""Tests of storage.arrays.voxels: what is written against dense arrays, through a take."""
+"""Tests of the arrays of films and voxels: what is written against dense arrays, through a take."""
 
 import dataclasses
 
@@ -8,8 +8,11 @@ import zarr
 
 from storage import create_archive
 from storage.archive import Take
+from storage.arrays import silhouettes as silhouette_arrays
 from storage.arrays import voxels as voxel_arrays
-from storage.arrays.voxels import write_cameras, write_silhouettes, write_voxels
+from storage.arrays.cameras import write_cameras
+from storage.arrays.silhouettes import write_silhouettes
+from storage.arrays.voxels import write_voxels
 from storage.errors import ArchiveError
 from storage.formats.calibration.camera import Camera
 from storage.provenance import Provenance
@@ -126,8 +129,8 @@ def take(place, dense, silhouettes, request, monkeypatch):
     if request.param != "one chunk":
         monkeypatch.setattr(voxel_arrays, "_CHUNK", 13)
         monkeypatch.setattr(voxel_arrays, "_SHARD", 4 * 13)
-        monkeypatch.setattr(voxel_arrays, "_PICTURES_BYTES", 5 * 3 * 34 * 40)
-        monkeypatch.setattr(voxel_arrays, "_PICTURES_READ", 2)
+        monkeypatch.setattr(silhouette_arrays, "_PICTURES_BYTES", 5 * 3 * 34 * 40)
+        monkeypatch.setattr(silhouette_arrays, "_PICTURES_READ", 2)
     return write_take(place, dense, silhouettes)
 
 

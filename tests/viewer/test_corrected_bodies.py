@@ -10,13 +10,9 @@ import pytest
 from storage import open_archive
 from storage.formats.capture.initial import read_initial
 from storage.schema import SEGMENTS
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.cameras import RingSettings, generate_cameras
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tests.conftest import HANGING_S, ROOT, swaying_body
 from tests.viewer.conftest import open_viewer, poll, wait
 

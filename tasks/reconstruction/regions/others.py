@@ -115,12 +115,16 @@ def find_others(
     given : (frame, (joint, 3) m), optional
         Joints of the performer, if they are known; NaN where they are not.
     """
-    seen = side_by_side(lambda frame: are_two(find_bodies(hull_of(frame), grid)), some)
+    looked_at = side_by_side(lambda frame: find_bodies(hull_of(frame), grid), some)
+    seen = [are_two(each) for each in looked_at]
     if not any(seen):
         return None, ()
     if not all(seen):
         return None, _say_unsure(seen)
-    bodies = side_by_side(lambda frame: find_bodies(hull_of(frame), grid), range(frames))
+    known = dict(zip(some, looked_at, strict=True))
+    bodies = side_by_side(
+        lambda frame: known.get(frame) or find_bodies(hull_of(frame), grid), range(frames)
+    )
     order = _follow(bodies)
     if order is None:
         return None, _say_unsure([are_two(each) for each in bodies])

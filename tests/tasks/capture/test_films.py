@@ -7,8 +7,9 @@ from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from tasks.capture import films as capture_films
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import FilmSettings, RingSettings, film_capture, generate_cameras
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 
 pytestmark = pytest.mark.compiled  # the films are rendered, which takes long interpreted

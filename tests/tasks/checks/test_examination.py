@@ -13,14 +13,10 @@ from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import VIDEO_SUFFIXES, open_video, read_frames
 from tasks.checks.examination import _names_apart
 from tasks.checks.pictures import draw_silhouette
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 from tests.conftest import swaying_body
 from tests.figures.films import write_film

@@ -7,7 +7,7 @@ from flows.command.main import BAD_INPUT, DONE, main
 from storage.formats.capture.camera_plan import read_camera_plan
 from storage.formats.capture.capture_toml import Volume
 from tasks.checks.layouts import judge_layout, report_layout
-from tasks.studio.filming import RingSettings, generate_cameras
+from tasks.studio.cameras import RingSettings, generate_cameras
 
 VOLUME = Volume((0.0, 1.0, 0.0), (2.4, 2.1, 2.4), 0.01)
 VOXEL_M = 0.05

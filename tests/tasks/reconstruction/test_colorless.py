@@ -19,7 +19,7 @@ from tasks.reconstruction.silhouettes import (
     extract_silhouettes,
     looked_at_twice,
 )
-from tasks.studio.filming import RingSettings, generate_cameras
+from tasks.studio.cameras import RingSettings, generate_cameras
 
 GRAY, GREEN = (128.0, 128.0, 130.0), (62.0, 140.0, 76.0)
 GRID = VoxelGrid((-0.79, 0.01, -0.89), 0.02, (80, 90, 91))

@@ -8,7 +8,7 @@ from tasks.capture.films import projection_of
 from tasks.geometry.projection import project_points
 from tasks.geometry.voxels import volume_grid
 from tasks.reconstruction.regions.holes import fill_holes
-from tasks.studio.filming import RingSettings, generate_cameras
+from tasks.studio.cameras import RingSettings, generate_cameras
 
 GRID = volume_grid((0.0, 1.0, 0.0), (1.2, 2.0, 1.2), 0.02)
 CAMERAS = projection_of(generate_cameras(RingSettings(cameras=8, spread=0.0)))

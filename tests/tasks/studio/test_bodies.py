@@ -3,7 +3,7 @@ import pytest
 
 from storage.schema import JOINTS
 from tasks.studio.dancing.choreography import freely, okuri48
-from tasks.studio.filming import stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
 from tasks.studio.performances import SH, generate_performance
 from tasks.studio.stage.bodies import CHECKS, SEGMENTS, SKIN, pose_surface
 

@@ -8,14 +8,10 @@ from storage.errors import InputError
 from storage.formats.calibration.camera import Camera
 from storage.formats.capture.capture import read_capture
 from storage.schema import JOINTS
+from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
-from tasks.studio.filming import (
-    FilmSettings,
-    RingSettings,
-    film_capture,
-    generate_cameras,
-    stretch_arms_first,
-)
+from tasks.studio.dancing.openings import stretch_arms_first
+from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
 from tasks.studio.stage.bodies import CHECKS, pose_surface
 from tasks.studio.stage.rasterization import draw_triangles, lay_over, project_bent

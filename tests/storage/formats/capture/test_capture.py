@@ -14,7 +14,7 @@ from storage.formats.capture.initial import write_initial
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video_writing import write_video
 from storage.recordings import digest_capture
-from tasks.studio.filming import stretch_arms_first
+from tasks.studio.dancing.openings import stretch_arms_first
 from tests.conftest import swaying_body
 from tests.figures import calibration_files as files
 from tests.figures.calibration_files import NAMES, in_z_up, looking_at, rig

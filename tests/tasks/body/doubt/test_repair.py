@@ -46,7 +46,7 @@ def doubted(right, monkeypatch):
 
     monkeypatch.setattr(repair, "fit_exchanged", exchange)
     monkeypatch.setattr(repair, "tell_doubt", doubt)
-    return with_gains(fitted, -0.05), seen, tried, told
+    return with_gains(fitted, 0.05), seen, tried, told
 
 
 def test_a_stretch_is_exchanged_where_that_lowers_the_doubt(doubted):
@@ -66,7 +66,7 @@ def test_a_stretch_stays_that_is_less_likely_or_as_doubtful_exchanged(doubted, l
     assert tried
 
 
-@pytest.mark.parametrize("gain", [-0.5, np.nan])
+@pytest.mark.parametrize("gain", [-0.5, -0.05, np.nan])
 def test_what_cannot_be_exchanged_is_not_tried(doubted, gain):
     fitted, seen, tried, *_ = doubted
     alike = with_gains(fitted, gain)

@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
-from tasks.body.anatomy.skin import SurfaceFrame
+from tasks.body.anatomy.skin import SkinModel, SurfaceFrame
 from tasks.body.extremities.candidates import Candidates, CandidateSettings
 from tasks.body.extremities.feet import FootSettings
 from tasks.body.extremities.paths import Motion
 from tasks.body.extremities.places import (
     ExtremitySettings,
     _above_necks,
+    _hand_costs,
     find_extremities,
     hand_ends,
     initial_places,
@@ -181,6 +182,22 @@ def test_a_neck_is_not_the_face_beside_it():
     np.testing.assert_array_equal(found, [face, face, neck, neck, face, [np.nan] * 3])
     lost = _above_necks(frames, places, 5, STATURE_M, ExtremitySettings())
     np.testing.assert_array_equal(lost, places)
+
+
+def test_the_nape_is_no_hand():
+    """A kimono shows the nape: skin behind the neck, which no hand needs to explain."""
+    start = initial_places(JOINTS, STATURE_M) / STATURE_M
+    face, neck = start[0] * STATURE_M, np.asarray(JOINTS["Neck"])
+    nape, chest, belly = (0.0, 0.02, -0.05), (0.0, -0.05, 0.25), (0.1, -0.4, 0.15)
+    hand, none = neck + np.array([nape, chest, belly]), np.zeros((1, 3))
+    frame = Candidates(hand, np.ones(3), np.ones(3, bool), face[None], np.ones(1), none, np.ones(1))
+    table = np.zeros((64, 64, 64), np.float32)
+    [cost] = _hand_costs(
+        [frame], [hand / STATURE_M], (start[:1], np.array([[0.0, 0.0, 1.0]])), start, JOINTS,
+        STATURE_M, SkinModel(table, table, 1.0, 1.0), ExtremitySettings(),
+    )  # fmt: skip
+    assert cost[0] > 1.5
+    np.testing.assert_allclose(cost[1:], 0.0, atol=1e-9)
 
 
 def test_what_cannot_be_followed_is_said(rng):

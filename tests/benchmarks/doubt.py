@@ -53,8 +53,8 @@ _NO_DOUBT = np.zeros((1, len(SEGMENTS)), np.float32)
 """In place of a doubt that is not asked for."""
 
 MOSTLY = 0.5
-"""A capture of which other reasons name a larger share of frames teaches nothing of limbs: its body
-was badly measured, and all of it is doubtful."""
+"""A capture of which other reasons name a larger share of frames, or of which more are wrong,
+teaches nothing of limbs that are lost for a while: its body was badly measured."""
 
 BINS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.0)
 """Between which doubts reliability is told [probability]."""
@@ -205,7 +205,7 @@ def main() -> None:
         learned = {
             name: lesson
             for name, (lesson, others) in lessons["tuning"].items()
-            if others.mean() < MOSTLY
+            if max(others.mean(), lesson.wrong.any(axis=1).mean()) < MOSTLY
         }
         learned_weights = learn_weights(learned.values())
         write_weights(Path(weights_module.__file__), learned_weights, learned)

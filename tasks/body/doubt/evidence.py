@@ -43,8 +43,11 @@ _AS_LIKELY = 0.02
 logarithm of the likelihoods of voxels]. A third of `_CLEARLY_WORSE`; chosen."""
 
 _SETTLED = -1.0
-"""Limbs that would be so much less likely exchanged wear what their sides do, whatever passes have
-[mean logarithm of the likelihoods of voxels]. It is what colors tell (`poses.worn`)."""
+"""Limbs that would be so much less likely exchanged surely wear what their sides do [mean logarithm
+of the likelihoods of voxels]. It is what colors tell (`poses.worn`)."""
+
+_OF_SIDES = ("contested", "beside_other")
+"""What speaks for limbs that are taken for each other, and not where colors told them apart."""
 
 _BESIDE_OTHER = 0.08
 """Distance of elbows, or knees, at which their nearness falls to 1 / e [statures]. It is the
@@ -138,6 +141,9 @@ def gather_evidence(fitted: FittedPoses, candidates: Sequence[Candidates]) -> Ev
     found["odd_foot"] = np.clip(found["end_turned"] - _STRAIGHT_FOOT, 0, 2) * np.clip(
         found["strange_end"] - _USUAL_LOOK, 0, 2
     )
+    settled = np.repeat(account.exchange_gains <= _SETTLED, 2, axis=1)
+    for name in _OF_SIDES:
+        found[name] = np.where(settled, 0.0, found[name])
     return found
 
 
@@ -182,9 +188,7 @@ def _of_passes(fitted: FittedPoses) -> Evidence:
     farthest = np.stack([apart[:, limb.bones].max(axis=1) for limb in LIMBS], axis=1)
     far = 10.0 * np.minimum(farthest, _MOST_APART)
     likelier = np.array([a.likelihood - b.likelihood for a, b in zip(*account.passes, strict=True)])
-    settled = np.repeat(account.exchange_gains <= _SETTLED, 2, axis=1)
-    contested = far * np.exp(-np.abs(likelier) / _AS_LIKELY)[:, None]
-    return {"apart": far, "contested": np.where(settled, 0.0, contested)}
+    return {"apart": far, "contested": far * np.exp(-np.abs(likelier) / _AS_LIKELY)[:, None]}
 
 
 def _of_sight(fitted: FittedPoses, laid: _Laid) -> Evidence:
@@ -264,11 +268,11 @@ def _skirt_lines(joints: Floats) -> tuple[Floats, Floats]:
 
     They join thighs, knees, shanks and ankles: of legs that are apart a skirt is far.
     """
-    right, left = (joints[:, [limb.upper, limb.lower, limb.end]] for limb in (LIMBS[2], LIMBS[3]))
-    return tuple(
+    right, left = (
         np.concatenate([leg[:, 1:], (leg[:, 1:] + leg[:, :-1]) / 2.0], axis=1)
-        for leg in (right, left)
+        for leg in (joints[:, limb.bones] for limb in LIMBS[LEGS])
     )
+    return right, left
 
 
 def _of_reports(reports: Sequence[VoxelReport | None]) -> Evidence:

@@ -120,6 +120,7 @@ def test_an_end_is_off_where_it_was_seen_as_surely_as_that_was(right):
 
 def test_arms_in_the_trunk_and_knees_together_are_told(right):
     fitted, seen = right
+    fitted = changed(fitted, exchange_gains=np.full((FRAMES, 2), -0.5))
     found = gather_evidence(fitted, seen)
     folded = turned(fitted.poses[0], LIMBS[LEFT_ARM].bones, (0, 0, -1.45))
     moved = gather_evidence(replace(fitted, poses=(folded,) * FRAMES), seen)

@@ -38,8 +38,20 @@ _CLEARLY_WORSE = 0.06
 [mean logarithm of their likelihoods]. Exchanges that stood were .04 to .06 less likely, pairs that
 were right .1 to .3, in rendered captures."""
 
-_BARELY_WORSE = 0.02
-"""As `_CLEARLY_WORSE`, for what tells nearly nothing. A third of it; chosen."""
+_AS_LIKELY = 0.02
+"""By how much one pass may be likelier than the other where both are about as likely [mean
+logarithm of the likelihoods of voxels]. A third of `_CLEARLY_WORSE`; chosen."""
+
+_SETTLED = -1.0
+"""Limbs that would be so much less likely exchanged surely wear what their sides do [mean logarithm
+of the likelihoods of voxels]. It is what colors tell (`poses.worn`)."""
+
+_OF_SIDES = ("contested", "beside_other")
+"""What speaks for limbs that are taken for each other, and not where colors told them apart."""
+
+_BESIDE_OTHER = 0.08
+"""Distance of elbows, or knees, at which their nearness falls to 1 / e [statures]. It is the
+thickness of a thigh; chosen, not measured."""
 
 _NEAR_TRUNK = 0.06
 """Distance from the trunk's axis at which nearness falls to 1 / e [statures]. It is half a trunk's
@@ -53,13 +65,10 @@ _MOST_APART = 0.4
 """Farther apart is not more doubtful [statures]. An arm's length."""
 
 _JERKING = 40.0
-"""Acceleration of a finger tip or toe that is 1 [statures/s**2]. Chosen: a fast dance."""
-
-_MOVING = 3.0
-"""Speed of an elbow or knee that is 1 [statures/s]. Chosen: a fast dance."""
+"""Acceleration of an elbow or knee that is 1 [statures/s**2]. Chosen: a fast dance."""
 
 _MOST_HASTE = 3.0
-"""More haste is not more doubtful [times those]. Chosen: it is a leap."""
+"""More haste is not more doubtful [times that]. Chosen: it is a leap."""
 
 _IN_VOXELS = 0.015
 """A point so near a voxel is among the voxels [statures]. Those looked at are some 3 cm apart."""
@@ -68,8 +77,8 @@ _MOST_OUTSIDE = 0.1
 """Farther outside is not more doubtful [statures]. Chosen, not measured."""
 
 _CROSSED = (-0.2, 0.3)
-"""How far a knee on its own side, or on the other one, makes a difference [statures]. Chosen, not
-measured."""
+"""How far an elbow or knee on its own side, or on the other one, makes a difference
+[statures]. Chosen, not measured."""
 
 _FORWARD_FOOT = 0.6
 """Least cosine of the angle between where a foot and the pelvis point that is not odd. It is 53
@@ -119,6 +128,7 @@ def gather_evidence(fitted: FittedPoses, candidates: Sequence[Candidates]) -> Ev
     reports = _report_all(fitted, laid)
     support = np.stack([fit.support for fit in account.fits])
     found = _of_passes(fitted)
+    found |= _of_sight(fitted, laid)
     found |= _of_exchange(account.exchange_gains)
     found |= _of_reports(reports)
     found |= _of_colors(reports, account.take)
@@ -131,6 +141,9 @@ def gather_evidence(fitted: FittedPoses, candidates: Sequence[Candidates]) -> Ev
     found["odd_foot"] = np.clip(found["end_turned"] - _STRAIGHT_FOOT, 0, 2) * np.clip(
         found["strange_end"] - _USUAL_LOOK, 0, 2
     )
+    settled = np.repeat(account.exchange_gains <= _SETTLED, 2, axis=1)
+    for name in _OF_SIDES:
+        found[name] = np.where(settled, 0.0, found[name])
     return found
 
 
@@ -158,54 +171,62 @@ def _lay(fitted: FittedPoses) -> _Laid:
 
 
 def _of_motion(laid: _Laid, rate_hz: float) -> Evidence:
-    """Return how hastily the limbs move."""
-    accelerated = np.linalg.norm(_rate_of(_rate_of(laid.tip, rate_hz), rate_hz), axis=2)
+    """Return how hastily elbows and knees change their motion."""
     lower = laid.joints[:, [limb.lower for limb in LIMBS]]
-    moved = np.linalg.norm(_rate_of(lower, rate_hz), axis=2)
-    return {
-        "jerking": np.minimum(accelerated / _JERKING, _MOST_HASTE),
-        "moving": np.minimum(moved / _MOVING, _MOST_HASTE),
-    }
+    accelerated = np.linalg.norm(_rate_of(_rate_of(lower, rate_hz), rate_hz), axis=2)
+    return {"jerking_lower": np.minimum(accelerated / _JERKING, _MOST_HASTE)}
 
 
 def _of_passes(fitted: FittedPoses) -> Evidence:
-    """Return how far the passes have a limb apart, in tenths of a stature."""
-    model = fitted.model
+    """Return how far the passes have a limb apart, in tenths of a stature, and how likely it is."""
+    model, account = fitted.model, fitted.account
     there, back = (
         np.stack([middles(model, fit.pose) for fit in fits]) / model.stature
-        for fits in fitted.account.passes
+        for fits in account.passes
     )
     apart = np.linalg.norm(there - back, axis=2)
     farthest = np.stack([apart[:, limb.bones].max(axis=1) for limb in LIMBS], axis=1)
-    return {"apart": 10.0 * np.minimum(farthest, _MOST_APART)}
+    far = 10.0 * np.minimum(farthest, _MOST_APART)
+    likelier = np.array([a.likelihood - b.likelihood for a, b in zip(*account.passes, strict=True)])
+    return {"apart": far, "contested": far * np.exp(-np.abs(likelier) / _AS_LIKELY)[:, None]}
+
+
+def _of_sight(fitted: FittedPoses, laid: _Laid) -> Evidence:
+    """Return how far hands and feet are from where they were seen, in tenths of a stature."""
+    take, ends = fitted.account.take, [limb.end for limb in LIMBS]
+    if take.cues is None or take.cue_weights is None:
+        return {"off_sight": np.zeros((take.frames, len(LIMBS)))}
+    away = np.linalg.norm(take.cues[:, 1:] / fitted.model.stature - laid.middle[:, ends], axis=2)
+    sure = np.nan_to_num(take.cue_weights[:, 1:])
+    return {"off_sight": 10.0 * sure * np.nan_to_num(np.minimum(away, _MOST_APART))}
 
 
 def _of_exchange(gains: Floats) -> Evidence:
     """Return how well both limbs of a pair could be exchanged, from `gains` (time, pair)."""
     gain = np.repeat(np.minimum(gains, 0.0), 2, axis=1)
-    return {
-        "exchangeable": np.nan_to_num(np.exp(gain / _CLEARLY_WORSE)),
-        "hardly_told": np.nan_to_num(np.exp(gain / _BARELY_WORSE)),
-        "together": np.isnan(gain).astype(np.float64),
-    }
+    return {"exchangeable": np.nan_to_num(np.exp(gain / _CLEARLY_WORSE))}
 
 
 def _of_anatomy(laid: _Laid) -> Evidence:
     """Return how little the limbs are where limbs can be."""
     neck = laid.joints[:, BONES.index("Body")]
     middle = laid.joints[:, [limb.lower for limb in LIMBS]]
-    in_trunk = np.exp(-_from_line(middle, laid.hips, neck) / _NEAR_TRUNK)
+    ends = laid.middle[:, [limb.end for limb in LIMBS]]
+    in_trunk, end_in_trunk = (
+        np.exp(-_from_line(place, laid.hips, neck) / _NEAR_TRUNK) for place in (middle, ends)
+    )
+    between = np.linalg.norm(middle[:, ::2] - middle[:, 1::2], axis=2)
     own_side = np.array([1.0, -1.0, 1.0, -1.0])
     aside = ((middle - laid.hips[:, None]) * laid.left[:, None]).sum(axis=2) * own_side
     ankle = laid.joints[:, [limb.end for limb in LIMBS]]
     foot = _unit(laid.tip - ankle)
-    level = _unit(foot * [1.0, 0.0, 1.0])
     forward = (foot * laid.forward[:, None]).sum(axis=2)
     return {
         "in_trunk": in_trunk,
+        "end_in_trunk": end_in_trunk,
+        "beside_other": np.repeat(np.exp(-between / _BESIDE_OTHER), 2, axis=1),
         "crossed": 5.0 * np.clip(aside, *_CROSSED),
         "foot_back": np.clip(_FORWARD_FOOT - forward, 0.0, None),
-        "foot_aside": np.abs((level * laid.left[:, None]).sum(axis=2)),
         "end_turned": laid.turn[:, [limb.end for limb in LIMBS]],
     }
 
@@ -224,18 +245,34 @@ def _report_all(fitted: FittedPoses, laid: _Laid) -> list[VoxelReport | None]:
     bone = [k for limb in LIMBS for k in limb.bones]
     half = (laid.joints[:, bone] + end[:, bone]) / 2.0
     inside = np.concatenate([half, end[:, bone]], axis=1)
+    begin, end = (
+        np.concatenate(both, axis=1)
+        for both in zip((laid.joints, end), _skirt_lines(laid.joints), strict=True)
+    )
 
     def report(t: int) -> VoxelReport | None:
         index, cell = take.samples[t]
         if not len(index):
             return None
         points = voxel_centers(take.grid, index)
-        lines = laid.joints[t] * size, end[t] * size
+        lines = begin[t] * size, end[t] * size
         return report_voxels(
             points, cell, looks, lines, laid.middle[t] * size, inside[t] * size, size
         )
 
     return side_by_side(report, range(take.frames))
+
+
+def _skirt_lines(joints: Floats) -> tuple[Floats, Floats]:
+    """Return where lines across a skirt begin and end, (time, line, 3) each.
+
+    They join thighs, knees, shanks and ankles: of legs that are apart a skirt is far.
+    """
+    right, left = (
+        np.concatenate([leg[:, 1:], (leg[:, 1:] + leg[:, :-1]) / 2.0], axis=1)
+        for leg in (joints[:, limb.bones] for limb in LIMBS[LEGS])
+    )
+    return right, left
 
 
 def _of_reports(reports: Sequence[VoxelReport | None]) -> Evidence:
@@ -255,7 +292,6 @@ def _of_reports(reports: Sequence[VoxelReport | None]) -> Evidence:
     return {
         "few_at_end": few[:, ends],
         "few_lower": few[:, lowers],
-        "strange_lower": strange[:, lowers],
         "strange_end": strange[:, ends],
         "far": 20.0 * np.stack([far[:, limb.bones].sum(axis=1) for limb in LIMBS], axis=1),
         "beside_end": of("beside")[:, ends],

@@ -1,8 +1,8 @@
 """Make of the evidence against limbs how likely each segment is in the wrong place.
 
 A segment is in the wrong place where a joint at one of its ends is more than 15 cm off. The
-logarithm of the odds is a sum of weighted evidence (logistic regression). Evidence is taken in the
-mean of a moment and of a while, for limbs are lost for some frames on end.
+logarithm of the odds is a sum of weighted evidence (logistic regression). Evidence is taken now,
+and in the mean of a moment and of a while, for limbs are lost for some frames on end.
 """
 
 import numpy as np
@@ -16,9 +16,10 @@ from tasks.body.doubt.weights import WEIGHTS
 Weights = dict[str, tuple[float, dict[str, float]]]
 """As `weights.WEIGHTS`."""
 
-WINDOWS_S = {"moment": 0.1, "while": 0.4}
-"""How far before and after a frame evidence is averaged. A moment, so that the noise of single
-frames goes; a while, so that what is odd now and then counts; chosen, not measured."""
+WINDOWS_S = {"now": 1 / 30, "moment": 0.1, "while": 0.4}
+"""How far before and after a frame evidence is averaged. Now, so that doubt ends where a limb is
+found again; a moment, so that the noise of single frames goes; a while, so that what is odd now and
+then counts; chosen, not measured."""
 
 LIMB_SEGMENTS = (
     ("RUpperArm", "LUpperArm", "RUpperLeg", "LUpperLeg"),

@@ -40,13 +40,14 @@ class DoubtSettings:
 
     doubtful: Share = 0.06
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    captures left out of the learning it found 0.82 of the wrong frames, and 0.28 of the frames that
-    it named were wrong; 0.04 has 0.92 and 0.23, 0.08 has 0.73 and 0.30, 0.25 has 0.50 and 0.47."""
+    dances left out of the learning it found 0.82 of the wrong frames, and 0.26 of the frames that
+    it named were wrong; 0.08 has 0.78 and 0.29, 0.1 has 0.76 and 0.31, 0.2 has 0.65 and 0.42."""
 
-    other_cause: Share = 0.25
+    other_cause: Share = 0.15
     """How doubtful each segment is at least where the body was measured with little confidence,
-    voxels belong to nothing, or the performer touches a side of the volume. In rendered captures
-    .17 to .28 of the segments of such frames were in the wrong place."""
+    voxels belong to nothing, or the performer touches a side of the volume. In rendered captures of
+    one performer .07 to .28 of the segments of such frames were in the wrong place; it is more than
+    `doubtful`, for what two people or an umbrella do is worse than what was learned from."""
 
     far: Positive = 4.0
     """How far from every blob a voxel belongs to nothing that was fitted [standard deviations].

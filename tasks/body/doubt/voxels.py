@@ -20,9 +20,9 @@ OWN = 0.06
 """How near its line a bone's own voxels are [statures]. It is a thigh's thickness; chosen, not
 measured."""
 
-FAR = 0.1
-"""How far from every line a voxel is no part of a body [statures]. No limb is so thick; chosen, not
-measured."""
+FAR = 0.08
+"""How far from every line a voxel is no part of a body [statures]. No limb is so thick. Of 0.1 and
+0.08 the second told more of legs that were lost, in rendered captures."""
 
 AROUND = 0.14
 """How far from the middle of a hand or foot its color is looked for [statures]. A little more than
@@ -55,7 +55,7 @@ class VoxelReport:
     """(bone,) how unlikely the colors of its own voxels are there [mean logarithm]; 0 of none."""
 
     far: Floats
-    """(bone,) share of all voxels that are far from every bone, and nearest to this one."""
+    """(bone,) share of all voxels that are far from every line, and nearest to this bone."""
 
     beside: Floats
     """(bone,) share of the voxels of its color around a bone that are beside it."""
@@ -81,8 +81,9 @@ def report_voxels(
         Row of `log_looks` that belongs to each voxel's color, -1 for none.
     log_looks : (cell, bone) float32
         How much likelier a color is on a bone than anywhere [logarithm].
-    lines : (bone, 3) and (bone, 3) float64
-        Where the line of each bone begins and ends, m.
+    lines : (line, 3) and (line, 3) float64
+        Where the line of each bone begins and ends, m; after them lines of cloth between limbs,
+        near which no voxel is far.
     middle : (bone, 3) float64
         The middle of each bone, m.
     body_points : (point, 3) float64
@@ -114,7 +115,8 @@ def report_voxels(
 def _sum_up(points: Any, cell: Any, looks: Any, body: Any, within: Any, sums: Any) -> None:
     """Add up what each voxel says of the bones.
 
-    body : begin and end of the bones' lines, their middles (bone, 3), and points (point, 3)
+    body : begin and end of lines, those of the bones first, the bones' middles (bone, 3), and
+        points (point, 3)
     within : own, far, around and beside, m
     sums : (bone, 6) own voxels, those of known color, their logarithms, far ones, those of its
         color around, and those of them beside it; (point,) squared distances; (voxel,) the bone
@@ -123,10 +125,10 @@ def _sum_up(points: Any, cell: Any, looks: Any, body: Any, within: Any, sums: An
     begin, end, middle, inside = body
     own, far, around, beside = within
     table, outside, bone = sums
-    squared = np.empty(len(begin))
+    squared = np.empty(len(middle))
     for n in range(len(points)):
         point, known = points[n], cell[n] >= 0
-        for k in range(len(begin)):
+        for k in range(len(middle)):
             squared[k] = _from_line(point, begin[k], end[k])
             colored = known and looks[cell[n], k] > _LIKELY
             if colored and _apart(point, middle[k]) < around * around:
@@ -139,7 +141,11 @@ def _sum_up(points: Any, cell: Any, looks: Any, body: Any, within: Any, sums: An
             if known:
                 table[nearest, 1] += 1.0
                 table[nearest, 2] += looks[cell[n], nearest]
-        table[nearest, 3] += squared[nearest] > far * far
+        if squared[nearest] > far * far:
+            in_cloth = False
+            for k in range(len(middle), len(begin)):
+                in_cloth |= _from_line(point, begin[k], end[k]) <= far * far
+            table[nearest, 3] += not in_cloth
         for i in range(len(inside)):
             outside[i] = min(outside[i], _apart(point, inside[i]))
 

@@ -44,6 +44,8 @@ class Plan:
     """Legs, trunk, arms and head relative to those of the motion."""
     spin: float = 0.0
     """Degrees a frame added to the dance's own turning, at most."""
+    opening: bool = True
+    """Whether it begins with arms stretched."""
     rate_hz: float = 30.0
     ring: RingSettings = field(default_factory=RingSettings)
     backdrop: Literal["green", "grey"] = "green"
@@ -80,17 +82,19 @@ PLANS = {
 
 def dance_of(plan: Plan, data: Path, frames: int = FRAMES) -> NDArray[np.float64]:
     """Return the joints (time, 21, 3), m, of what a capture shows."""
+    opening = round(0.5 * plan.rate_hz) + round(0.7 * plan.rate_hz) if plan.opening else 0
     if plan.dance in STUDIO:
         danced = plan.scale * studio_dance(plan.dance, plan.rate_hz, frames)
-        return with_opening(danced, plan.rate_hz, frames)
+        return with_opening(danced, plan.rate_hz, frames) if plan.opening else danced
     recorded_hz = 60.0 if plan.dance.startswith("salsa") else 120.0
     every = round(recorded_hz / plan.rate_hz)
-    danced = frames - round(0.5 * plan.rate_hz) - round(0.7 * plan.rate_hz)
+    danced = frames - opening
     position = read_dance(data / "mocap" / plan.dance, plan.first, every, danced) * plan.scale
     if plan.shape:
         legs, trunk, arms, head = plan.shape
         position = reshape(position, legs=legs, trunk=trunk, arms=arms, head=head)
-    return with_opening(on_floor(spin(position, plan.spin)), plan.rate_hz, frames)
+    position = on_floor(spin(position, plan.spin))
+    return with_opening(position, plan.rate_hz, frames) if plan.opening else position
 
 
 def make_captures(folder: Path, data: Path, only: Sequence[str] = ()) -> dict[str, Path]:

@@ -153,6 +153,60 @@ def sinking() -> Movement:
     return Movement("sinking", 3.8, beats, steps)
 
 
+def wrapping() -> Movement:
+    """One arm over the other before the breast, then the other one over it, while turning."""
+    over = pose(right=(-0.5, -0.15, 0.4), left=(-0.4, -0.3, 0.3))
+    under = pose(right=(-0.4, -0.4, 0.32), left=(-0.5, -0.2, 0.44))
+    beats = (
+        *(
+            (0.0, pose(LOW)),
+            (0.5, over),
+            (1.1, under | {"twist": 0.3}),
+            (1.6, pose((0.4, 0.2, 0.5))),
+        ),
+        *((2.1, under | {"twist": -0.2, "bow": 0.15}), (2.7, over), (3.2, under)),
+        (3.8, pose((0.1, -0.4, 0.5), twist=0.0, bow=0.0)),
+    )
+    steps = tuple(
+        Step("LR"[n % 2], 0.4 + 0.55 * n, 0.85 + 0.55 * n, turn=0.45 * (n + 1)) for n in range(6)
+    )
+    return Movement("wrapping", 3.8, beats, steps)
+
+
+def raising() -> Movement:
+    """A foot lifted and put across the other one, then the other; hands at the hips and up."""
+    beats = (
+        *((0.0, pose(LOW)), (0.6, pose((0.3, -0.6, 0.1))), (1.3, pose(right=(-0.3, 0.6, 0.4)))),
+        *((1.9, pose((-0.35, -0.2, 0.5), crouch=0.1)), (2.6, pose(left=(-0.3, 0.6, 0.4)))),
+        *((3.2, pose((-0.3, -0.45, 0.35), crouch=0.15)), (3.8, pose((0.4, -0.3, 0.4), crouch=0.0))),
+    )
+    steps = (
+        *(Step("R", 0.4, 1.2, left=0.2, forward=0.12, lift=0.2), Step("L", 1.4, 2.2, lift=0.25)),
+        *(Step("L", 2.4, 3.0, left=-0.1, forward=0.1, lift=0.2), Step("R", 3.1, 3.7, lift=0.12)),
+    )
+    return Movement("raising", 3.8, beats, steps)
+
+
+def sweeping() -> Movement:
+    """One sleeve swept across the other arm and back, low over the knees, hands behind the back."""
+    behind = pose((0.12, -0.75, -0.45))
+    beats = (
+        *((0.0, pose(LOW)), (0.5, pose(right=(-0.6, 0.05, 0.55), left=(0.3, -0.3, 0.6)))),
+        *(
+            (1.0, pose(right=(0.7, 0.1, 0.3), twist=-0.4)),
+            (1.5, pose(left=(-0.6, 0.0, 0.5), twist=0.3)),
+        ),
+        *(
+            (2.1, behind | {"twist": 0.0, "bow": 0.25}),
+            (2.7, pose((-0.45, -0.6, 0.4), crouch=0.25)),
+        ),
+        *((3.2, pose((-0.25, 0.75, 0.3), crouch=0.05, bow=0.0)), (3.8, pose(LOW))),
+    )
+    steps = (Step("L", 0.5, 1.1, forward=0.2), Step("R", 1.5, 2.1, forward=0.2, turn=0.6),
+             Step("L", 2.6, 3.2, forward=0.05, turn=1.0))  # fmt: skip
+    return Movement("sweeping", 3.8, beats, steps)
+
+
 def with_opening(position: Track, rate_hz: float, frames: int) -> Track:
     """Return a track of so many frames that begins with arms stretched."""
     return stretch_arms_first(position, rate_hz, still_s=STILL_S, blend_s=BLEND_S)[:frames]
@@ -166,6 +220,9 @@ STUDIO = {
     "lunging": (YS, (lunging(), folding())),
     "lunging-mirrored": (SH, (mirrored(lunging()), folding())),
     "low": (TK, (sinking(), folding())),
+    "wrapping": (SH, (wrapping(), raising())),
+    "raising-mirrored": (SH, (mirrored(raising()), sweeping())),
+    "low-mirrored": (SH, (mirrored(sinking()), sweeping())),
     "turn-left": (SH, (turning("left"), folding())),
     "turn-right": (TK, (turning("right"), folding())),
 }

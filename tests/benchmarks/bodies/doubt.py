@@ -3,8 +3,9 @@
 Films the captures of `doubt_captures` into FOLDER where they are not there yet,
 digitizes them and the shared ones, and prints how many wrong frames are doubtful, how many doubtful
 frames are wrong, and how often a segment is wrong that is so doubtful (reliability). `--learn` fits
-the weights on the captures for tuning first and writes them into `tasks.body.doubt.weights`. The
-shared recordings are where SHOSA_DATA says.
+the weights on the captures for tuning first, writes them into `tasks.body.doubt.weights`, and
+prints of those captures what weights say that were learned without their dances. The shared
+recordings are where SHOSA_DATA says.
 """
 
 import argparse
@@ -26,11 +27,11 @@ from storage.schema import SEGMENTS
 from tasks.body import pose_fitting
 from tasks.body.doubt import weights as weights_module
 from tasks.body.doubt.evidence import gather_evidence
-from tasks.body.doubt.probability import tell_doubt
+from tasks.body.doubt.probability import Weights, tell_doubt
 from tasks.body.doubt.reasons import DoubtSettings
 from tasks.settings import Settings
 from tests.benchmarks.bodies.doubt_captures import MEASURED, TUNING, make_doubt_captures
-from tests.benchmarks.bodies.doubt_learning import Lesson, learn_weights, write_weights
+from tests.benchmarks.bodies.doubt_learning import Lesson, learn_weights, parts_of, write_weights
 from tests.benchmarks.bodies.poses import say, voxels_of
 from tests.benchmarks.bodies.runs import Voxels
 from tests.benchmarks.bodies.scores import LOST_M, joint_errors, longest_run
@@ -52,8 +53,8 @@ _NO_DOUBT = np.zeros((1, len(SEGMENTS)), np.float32)
 """In place of a doubt that is not asked for."""
 
 MOSTLY = 0.5
-"""A capture of which other reasons name a larger share of frames teaches nothing of limbs: its body
-was badly measured, and all of it is doubtful."""
+"""A capture of which other reasons name a larger share of frames, or of which more are wrong,
+teaches nothing of limbs that are lost for a while: its body was badly measured."""
 
 BINS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.0)
 """Between which doubts reliability is told [probability]."""
@@ -84,7 +85,9 @@ def lesson_of(
     arrays = dict(np.load(kept))
     error, rate_hz = arrays.pop("error"), float(arrays.pop("rate_hz"))
     doubtful = arrays.pop("doubtful")
-    return Lesson(arrays, error, rate_hz), doubtful
+    plan = TUNING.get(name)
+    dance = plan.dance.removesuffix("-mirrored") if plan else name
+    return Lesson(arrays, error, rate_hz, dance), doubtful
 
 
 def _truth_of(capture: Path) -> Path:
@@ -125,16 +128,28 @@ def doubt_of(
     return np.maximum(told, settings.other_cause * others[:, None])
 
 
+def left_out(lessons: Mapping[str, Lesson]) -> dict[str, Weights]:
+    """Return for each capture weights that were learned without its dance."""
+    part, found = parts_of(lessons.values()), {}
+    for own in np.unique(part):
+        others = [lesson for n, lesson in zip(part, lessons.values(), strict=True) if n != own]
+        learned = learn_weights(others)
+        found |= {name: learned for n, name in zip(part, lessons, strict=True) if n == own}
+    return found
+
+
 def table(
-    lessons: Mapping[str, tuple[Lesson, NDArray[np.bool_]]], weights: Any, settings: DoubtSettings
+    lessons: Mapping[str, tuple[Lesson, NDArray[np.bool_]]],
+    weights: Mapping[str, Weights],
+    settings: DoubtSettings,
 ) -> dict[str, Any]:
-    """Print how good doubt is on some captures; return the figures."""
+    """Print how good doubt by each one's weights is on some captures; return the figures."""
     figures: dict[str, Any] = {}
     total, parts = np.zeros(3, int), []
     say("| capture | mean mm | lost | run unflagged | wrong | flagged | both |")
     say("| --- | --- | --- | --- | --- | --- | --- |")
     for name, (lesson, others) in lessons.items():
-        doubt = doubt_of(lesson, others, weights, settings)
+        doubt = doubt_of(lesson, others, weights[name], settings)
         lost = lesson.error > LOST_M
         wrong, said = lost.any(axis=1), doubt.max(axis=1) > settings.doubtful
         counts = [int(each.sum()) for each in (wrong & said, wrong, said)]
@@ -184,19 +199,22 @@ def main() -> None:
         }
         for which, captures in sets.items()
     }
-    weights = weights_module.WEIGHTS
+    weights: dict[str, Weights] = {}
+    learned_weights: Weights = weights_module.WEIGHTS
     if args.learn:
         learned = {
             name: lesson
             for name, (lesson, others) in lessons["tuning"].items()
-            if others.mean() < MOSTLY
+            if max(others.mean(), lesson.wrong.any(axis=1).mean()) < MOSTLY
         }
-        weights = learn_weights(learned.values())
-        write_weights(Path(weights_module.__file__), weights, learned)
+        learned_weights = learn_weights(learned.values())
+        write_weights(Path(weights_module.__file__), learned_weights, learned)
+        weights = left_out(learned)
     figures = {}
     for which, own in lessons.items():
         say(f"\n{which}")
-        figures[which] = table(own, weights, settings)
+        by_name = {name: weights.get(name, learned_weights) for name in own}
+        figures[which] = table(own, by_name, settings)
     if args.json:
         args.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
 

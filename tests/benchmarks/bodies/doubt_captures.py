@@ -16,7 +16,7 @@ FRAMES = 130
 """Of each capture: half a second of stretched arms, the way into the dance, and three seconds of
 it. Chosen: some thirty of them are filmed and digitized in a quarter of an hour."""
 
-_SIX = RingSettings(cameras=6)
+_SIX, _SEVEN = (RingSettings(cameras=count) for count in (6, 7))
 
 
 def _robe(dance: str, first: int = 0, **others: Any) -> Plan:
@@ -55,6 +55,21 @@ TUNING = {
     "t-salsa-16-six": _robe("salsa/salsa_16.bvh", 200, ring=_SIX, spin=10.0),
     "t-salsa-05-child": _robe("salsa/salsa_05.bvh", 700, shape=CHILD),
     "t-indian-08-child": _robe("indian/indian_08.bvh", 700, shape=CHILD, ring=_SIX),
+    "t-wrapping": _robe("wrapping"),
+    "t-raising-mirrored-six": _robe("raising-mirrored", ring=_SIX, scale=0.75, spoilers=NOISY),
+    "t-low-seven": _robe("low-mirrored", ring=_SEVEN, scale=0.9),
+    "t-turn-seven": _robe("turn-left", ring=_SEVEN, scale=0.7),
+    "t-salsa-02-late": _robe("salsa/salsa_02.bvh", 1300, ring=_SEVEN, spoilers=NOISY),
+    "t-salsa-16": _robe("salsa/salsa_16.bvh", 600),
+    "t-salsa-18-six": _robe("salsa/salsa_18.bvh", 1000, ring=_SIX),
+    "t-indian-06-seven": _robe(
+        "indian/indian_06.bvh", 1350, ring=_SEVEN, scale=0.85, spoilers=NOISY
+    ),
+    "t-martial-03-kimono": Plan("martial/martial_03.bvh", 500, "kimono", ring=_SIX, shape=CHILD),
+    "t-wrapping-six": _robe("wrapping", ring=_SIX, scale=0.8),
+    "t-raising-kimono": Plan("raising-mirrored", 0, "kimono", ring=_SEVEN),
+    "t-low-no-start": _robe("low-mirrored", ring=_SIX, opening=False),
+    "t-fold-no-start": _robe("folding", opening=False, scale=0.9),
 }
 """Captures that the weights of doubt are fitted on."""
 

@@ -4,7 +4,7 @@ It is logistic regression. Evidence may speak against a limb, never for it: no w
 so that what happens to be so in a few captures makes no other trusted. Most weights are driven to
 nothing by a penalty (lasso, Tibshirani 1996); those that are left are fitted again without it. How
 sure the sum may be is told by captures left out of the learning, in turn (Platt 1999): on its own
-captures it is too sure.
+captures it is too sure. Captures of one dance are left out together, for they err alike.
 """
 
 from collections.abc import Iterable, Mapping
@@ -32,11 +32,10 @@ for _side in "RL":
         _ENDS[_side + _segment] = tuple(_side + joint for joint in _joints)
 
 _ASKED = {
-    "Arm": "apart exchangeable hardly_told together in_trunk handless strange_lower strange_end "
-    "end_turned outside without_end jerking moving few_lower unlike_lower unlike_end",
-    "Leg": "apart exchangeable hardly_told together crossed far odd_foot foot_aside foot_back "
-    "strange_lower strange_end beside_end few_at_end without_end outside end_turned few_lower "
-    "unlike_lower unlike_end",
+    "Arm": "apart contested exchangeable crossed beside_other in_trunk end_in_trunk handless "
+    "without_end few_lower jerking_lower unlike_lower unlike_end",
+    "Leg": "apart contested exchangeable crossed beside_other far odd_foot foot_back beside_end "
+    "few_at_end outside off_sight jerking_lower unlike_end",
 }
 """The evidence that is asked of arms and of legs."""
 
@@ -45,7 +44,7 @@ _LASSO, _RIDGE = 20.0, 5.0
 pairs tried, the one that told most of captures left out of the learning (five parts in turn)."""
 
 _PARTS = 5
-"""In how many parts captures are left out in turn. Chosen, as usual."""
+"""In how many parts dances are left out in turn. Chosen, as usual."""
 
 _LEAST = 0.02
 """Weights that stay below are nothing [per standard deviation]."""
@@ -60,6 +59,8 @@ class Lesson:
     error: Floats
     """(time, 14) how far joints are off, m, as `joint_errors` returns it."""
     rate_hz: float
+    dance: str = ""
+    """What is danced."""
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
@@ -69,9 +70,17 @@ class Lesson:
         return np.stack([lost[:, own].any(axis=1) for own in columns], axis=1)
 
 
+def parts_of(lessons: Iterable[Lesson]) -> NDArray[np.int64]:
+    """Return (capture,) the part in which each is left out, dances whole."""
+    dances = [lesson.dance for lesson in lessons]
+    order = list(dict.fromkeys(dances))
+    return np.array([order.index(dance) % _PARTS for dance in dances])
+
+
 def learn_weights(lessons: Iterable[Lesson]) -> Weights:
     """Return the base and the weights of each kind of segment."""
     lessons = list(lessons)
+    part = parts_of(lessons)
     told = [windowed(lesson.evidence, lesson.rate_hz) for lesson in lessons]
     weights: Weights = {}
     for upper_or_lower in LIMB_SEGMENTS:
@@ -88,26 +97,26 @@ def learn_weights(lessons: Iterable[Lesson]) -> Weights:
                 np.concatenate([lesson.wrong[:, SEGMENTS.index(name)] for name in names])
                 for lesson in lessons
             ]
-            weights[names[0][1:]] = _fit_soberly(kinds, rows, wrong)
+            weights[names[0][1:]] = _fit_soberly(kinds, rows, wrong, part)
     trunk = np.concatenate([lesson.wrong[:, :3].ravel() for lesson in lessons])
     often = (trunk.sum() + 1.0) / (len(trunk) + 2.0)  # rule of succession
     return {"trunk": (float(np.log(often / (1.0 - often))), {}), **weights}
 
 
 def _fit_soberly(
-    kinds: list[str], rows: list[Floats], wrong: list[NDArray[np.bool_]]
+    kinds: list[str], rows: list[Floats], wrong: list[NDArray[np.bool_]], part: NDArray[np.int64]
 ) -> tuple[float, dict[str, float]]:
     """Return base and weights of captures, as sure as they may be of captures left out."""
-    odds = []
-    for part in range(_PARTS):
-        left = [n for n in range(len(rows)) if n % _PARTS != part]
+    odds = [np.empty(0)] * len(rows)
+    for left_out in np.unique(part):
+        left = np.flatnonzero(part != left_out)
         base, own = _fit(
             kinds, np.concatenate([rows[n] for n in left]), np.concatenate([wrong[n] for n in left])
         )
         weight = np.array([own.get(kind, 0.0) for kind in kinds])
-        odds += [(n, base + rows[n] @ weight) for n in range(part, len(rows), _PARTS)]
-    ordered = np.concatenate([each for _, each in sorted(odds, key=lambda pair: pair[0])])
-    shift, [share] = _regress(ordered[:, None], np.concatenate(wrong), 0.0)
+        for n in np.flatnonzero(part == left_out):
+            odds[n] = base + rows[n] @ weight
+    shift, [share] = _regress(np.concatenate(odds)[:, None], np.concatenate(wrong), 0.0)
     base, own = _fit(kinds, np.concatenate(rows), np.concatenate(wrong))
     return shift + share * base, {kind: share * weight for kind, weight in own.items()}
 

@@ -1,13 +1,20 @@
 """What is learned of doubt is what made the lessons, and as sure as they allow."""
 
 import runpy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from storage.schema import SEGMENTS
 from tasks.body.doubt.probability import tell_doubt, windowed
-from tests.benchmarks.bodies.doubt_learning import _ASKED, Lesson, learn_weights, write_weights
+from tests.benchmarks.bodies.doubt_learning import (
+    _ASKED,
+    Lesson,
+    learn_weights,
+    parts_of,
+    write_weights,
+)
 from tests.benchmarks.bodies.scores import SCORED
 
 NAMES = {name for asked in _ASKED.values() for name in asked.split()}
@@ -18,7 +25,7 @@ def lessons():
     """Elbows are lost by the odds of what passes disagree; nothing else means anything."""
     rng = np.random.default_rng(3)
     found = []
-    for _ in range(7):
+    for n in range(7):
         evidence = {name: rng.uniform(0.0, 1.0, (300, 4)) for name in sorted(NAMES)}
         smooth = np.repeat(rng.uniform(0.0, 1.0, (10, 4)), 30, axis=0)
         evidence["apart"] = smooth
@@ -26,7 +33,7 @@ def lessons():
         for arm, elbow in enumerate(("RElbow", "LElbow")):
             odds = 8.0 * smooth[:, arm] - 6.0
             error[rng.random(300) < 1.0 / (1.0 + np.exp(-odds)), SCORED.index(elbow)] = 0.3
-        found.append(Lesson(evidence, error, 30.0))
+        found.append(Lesson(evidence, error, 30.0, str(n)))
     return found
 
 
@@ -46,6 +53,11 @@ def test_what_speaks_is_found_and_is_as_sure_as_it_may_be(lessons):
         assert own.sum() > 100
         assert abs(doubt[own].mean() - lost[own].mean()) < 0.1
     assert told[:, SEGMENTS.index("RLowerLeg")].max() < 0.05
+
+
+def test_dances_are_left_out_whole(lessons):
+    named = [replace(lessons[0], dance=dance) for dance in "abcadefb"]
+    assert parts_of(named).tolist() == [0, 1, 2, 0, 3, 4, 0, 1]
 
 
 def test_weights_are_read_as_they_were_written(lessons, tmp_path):

@@ -39,7 +39,7 @@ def test_evidence_counts_for_its_own_limb_by_its_weight():
 def test_a_window_is_as_long_at_any_rate(rate_hz):
     frames = round(4 * rate_hz)
     found = windowed(evidence(frames, apart=(frames // 2, 2)), rate_hz)
-    for name, reach_s in (("moment apart", 0.1), ("while apart", 0.4)):
+    for name, reach_s in (("now apart", 1 / 30), ("moment apart", 0.1), ("while apart", 0.4)):
         reached = np.flatnonzero(found[name][:, 2])
         assert (reached[[0, -1]] - frames // 2) / rate_hz == pytest.approx([-reach_s, reach_s])
         assert found[name].sum() == pytest.approx(1.0)

@@ -40,7 +40,7 @@ def doubted(right, monkeypatch):
         frames = len(evidence["apart"])
         found = np.zeros((frames, len(SEGMENTS)), np.float32)
         stretch = slice(*DOUBTED) if frames == len(fitted.poses) else slice(None)
-        exchanged = evidence["moving"].any()  # only an exchange moves the figure
+        exchanged = evidence["jerking_lower"].any()  # only an exchange moves the figure
         found[stretch, SEGMENTS.index("LForeArm")] = told.after if exchanged else 0.8
         return found
 

@@ -53,3 +53,18 @@ def test_an_unknown_color_says_nothing(body):
     assert not found.strangeness.any()
     assert not found.beside.any()
     np.testing.assert_array_equal(found.own, report_voxels(*body, stature_m=STATURE_M).own)
+
+
+def test_voxels_in_cloth_between_limbs_are_not_far(body):
+    points, cell, looks, (begin, end), *rest = body
+    bones = report_voxels(*body, stature_m=STATURE_M)
+    across = np.array([[-0.7, 0.7, 0.7]]), np.array([[0.7, 0.7, 0.7]])
+    lines = np.concatenate([begin, across[0]]), np.concatenate([end, across[1]])
+    found = report_voxels(points, cell, looks, lines, *rest, stature_m=STATURE_M)
+    assert found.far.sum() < bones.far.sum() - 0.01
+    assert (found.far <= bones.far).all()
+    np.testing.assert_array_equal(found.own, bones.own)
+    nowhere = np.concatenate([begin, begin[:1] + 9.0]), np.concatenate([end, end[:1] + 9.0])
+    np.testing.assert_array_equal(
+        report_voxels(points, cell, looks, nowhere, *rest, stature_m=STATURE_M).far, bones.far
+    )

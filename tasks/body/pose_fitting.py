@@ -26,11 +26,8 @@ from tasks.body.anatomy.segments import ORIGINS, local_systems
 from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
 from tasks.body.doubt.repair import doubt_and_repair
-from tasks.body.extremities.places import (
-    Extremities,
-    ExtremitySettings,
-    find_extremities,
-)
+from tasks.body.extremities.places import Extremities, find_extremities
+from tasks.body.extremities.settings import ExtremitySettings
 from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings

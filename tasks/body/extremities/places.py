@@ -9,152 +9,34 @@ the best one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.anatomy.proportions import FACE_AHEAD, FACE_BELOW_TOP
+from tasks.body.anatomy.proportions import FACE_AHEAD
 from tasks.body.anatomy.skin import (
     SkinModel,
-    SkinSettings,
     SurfaceFrame,
     check_joints,
-    find_hands,
     learn_skin,
 )
 from tasks.body.extremities.candidates import (
     Candidates,
-    CandidateSettings,
     find_candidates,
     measure_references,
 )
-from tasks.body.extremities.feet import FootSettings, choose_feet, find_feet_of, learn_feet
-from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, Motion, best_paths
-from tasks.engine.settings import NotNegative, Positive, check_ranges
+from tasks.body.extremities.faces import follow_face, initial_places, lacking_skin
+from tasks.body.extremities.feet import choose_feet, find_feet_of, learn_feet
+from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, best_paths
+from tasks.body.extremities.settings import ExtremitySettings
 from tasks.engine.threads import side_by_side
 
 Floats = NDArray[np.float64]
 
-BESIDE = 2.0
-"""How far from a face another place is looked at that may be the face instead [distances of the
-first face from its end]. Chosen by eye on the shared captures; not measured."""
-
-LEAST_FACE = 0.5
-"""Skin that such a place must have [as of the face]. Chosen by eye on the shared captures; not
-measured."""
-
-NEAR_AS_HAND = 0.6
-"""How much nearer an end a hand is than a face [logarithm of the ratio]. It is half as far from its
-finger tips as a face from the top of the head."""
-
 SURELY_AWAY = 2.0
 """How far from the face a lump surely is not the face itself [`at_face_within`]. Chosen by eye on
 the shared captures; not measured."""
-
-FACE_SPEED = 0.6
-"""Typical speed of a face [statures a second]. Less than of a hand; chosen by eye on the shared
-captures, not measured."""
-
-FACE_FASTEST = 4.0
-"""The most a face moves [statures a second]. Less than a hand; chosen by eye on the shared
-captures, not measured."""
-
-
-@dataclass(frozen=True)
-class ExtremitySettings:
-    """Everything that changes where hands, face and feet are found; lengths in statures.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite or out of its range.
-    """
-
-    skin: SkinSettings = field(default_factory=SkinSettings)
-    """How the color of skin is learned."""
-    candidates: CandidateSettings = field(default_factory=CandidateSettings)
-    """Where hands and face could be."""
-    feet: FootSettings = field(default_factory=FootSettings)
-    """How feet are found."""
-    hand_motion: Motion = field(default_factory=Motion)
-    """How hands move."""
-    face_motion: Motion = field(
-        default_factory=lambda: Motion(speed=FACE_SPEED, fastest=FACE_FASTEST)
-    )
-    """How faces move. More slowly than hands; chosen by eye on the shared captures, not
-    measured."""
-
-    learn_s: NotNegative = 0.1
-    """How near the initial frame the frames are from which skin is learned. The arms are still held
-    there."""
-
-    unseen: NotNegative = 2.0
-    """Cost of a frame (at 30 Hz) in which a hand or the face is not seen [nats]. Chosen by eye on
-    the shared captures; not measured."""
-
-    no_skin: NotNegative = 3.0
-    """Cost of a frame (at 30 Hz) in which a hand is where no skin is, if hands differ from clothes
-    [nats]. Chosen by eye on the shared captures; not measured."""
-
-    some_skin: Positive = 0.25
-    """Skin of a place from which `no_skin` costs nothing [as of the initial hand]. The rest may
-    hide in a sleeve."""
-
-    little_skin: NotNegative = 0.7
-    """Cost, on top, of a hand of which nothing is seen [nats]. Half a hand costs half of it; chosen
-    by eye on the shared captures, not measured."""
-
-    no_end: NotNegative = 0.3
-    """Cost of a frame (at 30 Hz) in which a hand is not an end of the surface [nats]. It grows as
-    skin says less; chosen by eye on the shared captures, not measured."""
-
-    usual_end: Positive = 0.22
-    """How much the distance of a face from the top of the head may change [logarithm of the ratio
-    to the first]. A neck is farther from it."""
-
-    like_hand: NotNegative = 1.0
-    """Cost of a frame (at 30 Hz) in which a face is as near an end of the surface as a hand is
-    [nats]. With less than 1 a hand raised before the forehead was taken for the face in one of 26
-    rendered captures, with 2 a face for a hand in another; in between nothing changed."""
-
-    together: NotNegative = 2.0
-    """Cost of a frame (at 30 Hz) in which both hands are one lump [nats]. As of one unseen, for one
-    lump is no evidence of two hands. From there on more changes nothing."""
-
-    at_face: NotNegative = 2.0
-    """Cost of a frame (at 30 Hz) in which a hand is where the face or the throat is [nats]. They
-    are skin without it; chosen by eye on the shared captures, not measured."""
-
-    at_face_within: Positive = 0.06
-    """How near the face a lump may well be the face itself [statures]. Half a head's depth; at
-    twice that it surely is not."""
-
-    at_neck_within: Positive = 0.037
-    """How near the line from the middle of the head down to the base of the neck a lump may well be
-    the neck's skin [statures]. Half a neck's depth; at twice that it surely is not. Of a rendered
-    child the nape was taken for a hand for 40 frames; of 4000 hands of rendered captures that were
-    right 1 in 160 came within 6 hundredths."""
-
-    side: NotNegative = 0.07
-    """Cost of a frame (at 30 Hz) in which a hand is as far on the other side as hands typically are
-    on their own [nats]. Taken alone, it would be 2: but what a frame says of sides, the next
-    repeats. With 0.2 arms that were crossed for two seconds were exchanged; of 45 rendered captures
-    0.07 exchanged the hands of none where 0.2 did not."""
-
-    typical_side: Positive = 0.13
-    """How far to its side a hand typically is [statures]. Of twelve generated takes, the median."""
-
-    plain_front: Positive = 0.015
-    """How far skin lies before the middle of a head that surely faces there [statures]. Half as
-    much is believed half; chosen by eye on the shared captures, not measured."""
-
-    reach_slack: Positive = 0.06
-    """How much farther from the neck than the outstretched hand was a hand may be before it costs
-    [statures]. Shoulders rise, and the neck is known from the face only."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,26 +181,16 @@ def choose_extremities(
     """
     start = initial_places(joints, stature_m) / stature_m
     pace = PACE_HZ / rate_hz
-    spot = [c.face / stature_m for c in candidates]
-    usual = _usual_end(candidates[initial_frame], start[0] * stature_m)
-    price = [_face_cost(c, usual, model, settings) * pace for c in candidates]
-    face, face_weight, _ = best_paths(
-        (spot, [np.empty((0, 3))] * len(spot)),
-        (price, [np.empty(0)] * len(spot)),
-        (start[0], np.full(3, np.nan)),
-        initial_frame,
-        1.0 / rate_hz,
-        settings.face_motion,
-        (settings.unseen * pace, 0.0),
-    )
-    at = _above_necks(candidates, face[:, 0] * stature_m, initial_frame, stature_m, settings)
-    face[:, 0] = at / stature_m
-    facing = _facing(candidates, at, settings)
+    at, facing, face_weight = follow_face(
+        candidates, model, rate_hz, stature_m, start[0],
+        initial_frame=initial_frame, settings=settings,
+    )  # fmt: skip
+    face = at / stature_m
     spot = [c.hand / stature_m for c in candidates]
     hand_cost = _hand_costs(
-        candidates, spot, (face[:, 0], facing), start, joints, stature_m, model, settings
+        candidates, spot, (face, facing), start, joints, stature_m, model, settings
     )
-    sided = _side_costs(spot, face[:, 0], facing, settings)
+    sided = _side_costs(spot, face, facing, settings)
     hands, hand_weight, _ = best_paths(
         (spot, spot),
         (
@@ -334,9 +206,9 @@ def choose_extremities(
     )
     known = np.array([model.face_separability, model.hand_separability, model.hand_separability])
     return Extremities(
-        np.concatenate([face[:, :1], hands], axis=1) * stature_m,
+        np.concatenate([face[:, None], hands], axis=1) * stature_m,
         facing,
-        np.concatenate([face_weight[:, :1], hand_weight], axis=1) * known,
+        np.concatenate([face_weight, hand_weight], axis=1) * known,
         np.full((len(spot), 2, 3), np.nan),
         np.zeros((len(spot), 2)),
         tuple(candidates),
@@ -344,90 +216,6 @@ def choose_extremities(
         tuple(hand_cost),
         model,
     )
-
-
-def initial_places(joints: Mapping[str, NDArray[np.float64]], stature_m: float) -> Floats:
-    """Return (3, 3) where face, right and left hand are in the initial model, in metres."""
-    neck, head = np.asarray(joints["Neck"]), np.asarray(joints["Head"])
-    front = np.cross(np.subtract(joints["LShoulder"], joints["RShoulder"]), head - neck)
-    front = front / max(float(np.linalg.norm(front)), 1e-9)
-    face = FACE_BELOW_TOP * neck + (1.0 - FACE_BELOW_TOP) * head + FACE_AHEAD * stature_m * front
-    return np.stack([face, *((a + b) / 2.0 for a, b in find_hands(joints, stature_m))])
-
-
-def _face_cost(
-    candidates: Candidates, usual: float, model: SkinModel, settings: ExtremitySettings
-) -> Floats:
-    """Return (face candidate,) what each place costs the face."""
-    nearer = np.log(max(usual, 1e-9)) - np.log(np.maximum(candidates.face_end, 1e-9))
-    like_hand = (nearer - settings.usual_end) / (NEAR_AS_HAND - settings.usual_end)
-    lacking = _lacking(candidates.face_skin, settings)
-    return model.face_separability * (lacking + settings.like_hand * np.clip(like_hand, 0.0, 1.0))
-
-
-def _usual_end(candidates: Candidates, face: Floats) -> float:
-    """Return how far the face of the initial frame is from an end of the surface, statures.
-
-    0 where there is none, so that nothing is nearer.
-    """
-    if not len(candidates.face):
-        return 0.0
-    usual = candidates.face_end[_nearest_to(candidates.face, face)]
-    return float(usual) if np.isfinite(usual) else 0.0
-
-
-def _above_necks(
-    candidates: Sequence[Candidates],
-    face: Floats,
-    initial_frame: int,
-    stature_m: float,
-    settings: ExtremitySettings,
-) -> Floats:
-    """Return (time, 3) the faces, with necks replaced by the faces above them.
-
-    A neck shows skin, also from behind. It is farther from an end of the surface, the top of the
-    head, than the face was in the initial frame. It is replaced by the most skin-colored place
-    beside it that is as far from the end as the face was.
-    """
-    first, seen = candidates[initial_frame], np.isfinite(face[:, 0])
-    if not seen[initial_frame]:
-        return face
-    usual = first.face_end[_nearest_to(first.face, face[initial_frame])]
-    if not np.isfinite(usual):
-        return face
-    moved = face.copy()
-    for t in np.flatnonzero(seen).tolist():
-        frame = candidates[t]
-        own, share = _nearest_to(frame.face, face[t]), frame.face_end / usual
-        beside = np.linalg.norm(frame.face - face[t], axis=1) < BESIDE * usual * stature_m
-        fits = beside & (np.abs(np.log(share)) < settings.usual_end)
-        fits &= frame.face_skin > LEAST_FACE * frame.face_skin[own]
-        if share[own] > 1.0 and fits.any() and not fits[own]:
-            moved[t] = frame.face[np.argmax(np.where(fits, frame.face_skin, -1.0))]
-    return moved
-
-
-def _nearest_to(places: Floats, place: Floats) -> int:
-    """Return which of some places (place, 3) is the nearest to one."""
-    return int(np.argmin(np.linalg.norm(places - place, axis=1)))
-
-
-def _lacking(skin: Floats, settings: ExtremitySettings) -> Floats:
-    """Return (candidate,) what each place costs for showing less skin than in the initial model."""
-    none = 1.0 - np.clip(skin / settings.some_skin, 0.0, 1.0)
-    return settings.no_skin * none + settings.little_skin * (1.0 - np.clip(skin, 0.0, 1.0))
-
-
-def _facing(candidates: Sequence[Candidates], face: Floats, settings: ExtremitySettings) -> Floats:
-    """Return (time, 3) where the head faces, horizontally; the longer the vector the surer."""
-    facing = np.full(face.shape, np.nan)
-    for t, (frame, place) in enumerate(zip(candidates, face, strict=True)):
-        if np.isnan(place[0]):
-            continue
-        front = frame.face_front[_nearest_to(frame.face, place)] * [1.0, 0.0, 1.0]
-        length = float(np.linalg.norm(front))
-        facing[t] = front / max(length, settings.plain_front)
-    return facing
 
 
 def _hand_costs(
@@ -462,7 +250,7 @@ def _hand_costs(
         reach = np.linalg.norm(spot - seen - below, axis=1)
         beyond = np.maximum(reach - arm - settings.reach_slack, 0.0) / settings.reach_slack
         costs.append(
-            known * _lacking(frame.hand_skin, settings)
+            known * lacking_skin(frame.hand_skin, settings)
             + no_end * ~frame.hand_end
             + settings.at_face * np.clip(at_face, 0.0, 1.0)
             + beyond**2

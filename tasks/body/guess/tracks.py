@@ -14,7 +14,8 @@ from tasks.body.anatomy.nearest_bones import bones_of_voxels, label_points
 from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.blobs.samples import draw_samples, learn_looks
-from tasks.body.extremities.places import Extremities, find_extremities, initial_places
+from tasks.body.extremities.faces import initial_places
+from tasks.body.extremities.places import Extremities, find_extremities
 from tasks.body.guess.single_frames import Shown, forward
 from tasks.body.guess.usual_body import UsualBody
 from tasks.body.poses.joint import RIDES_ON, fit_in_passes, fit_poses

@@ -14,7 +14,8 @@ import numpy as np
 
 from storage.schema import JOINTS
 from tasks.body.anatomy.skin import SurfaceFrame
-from tasks.body.extremities.places import Extremities, ExtremitySettings, find_extremities
+from tasks.body.extremities.places import Extremities, find_extremities
+from tasks.body.extremities.settings import ExtremitySettings
 from tasks.body.initial.search import InitialModel, InitialModelSettings, find_initial_model
 from tasks.body.pose_fitting import cues_of
 from tasks.body.poses.joint import fit_poses

@@ -36,12 +36,11 @@ _CLOTH_BLOBS = 3
 _THICKNESS = number_bones(
     {
         "Head": 0.1, "Body": 0.2, "Waist": 0.2, "UpperArm": 0.05, "ForeArm": 0.045, "Hand": 0.045,
-        "UpperLeg": 0.085, "LowerLeg": 0.06, "Foot": 0.08,
+        "UpperLeg": 0.085, "LowerLeg": 0.06, "Foot": 0.2,
     }
 )  # fmt: skip
 """How far from a bone's line its voxels may be; those beyond are cloth [statures]. Chosen by eye on
-the shared captures. A foot's is measured: of 0.04, 0.08 and 0.2 it loses the fewest joints, by
-little, in sixteen rendered captures; with 0.04 one of them lost its arms."""
+the shared captures; not measured."""
 
 _SOFTNESS = 0.005
 """Standard deviation by which every blob is widened [statures]. It is 8 mm of a dancer, less than a
@@ -67,11 +66,6 @@ _LEG_TURNS = {"UpperLeg": 0.17, "LowerLeg": 0.5, "Foot": 0.6}
 """Least cosine of the angle by which a bone of a leg turns about its own length, or to a side
 [cosine]. The angles are 80, 60 and 53 degrees. Chosen by eye on the shared captures; not
 measured."""
-
-_TOES_UP = 0.5
-"""Largest cosine of the angle between where a foot points and the line of the shin upwards
-[cosine]. It is 60 degrees: a foot bends up by 30 at most, also of who squats. A foot whose sole
-has no voxels would stand on its heel in a skirt. Chosen, not measured."""
 
 _ELBOW_BEND = -0.9
 """Least cosine of the angle by which an elbow bends [cosine]. It is 154 degrees: an elbow does not
@@ -245,9 +239,6 @@ def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
             rows.append([BONE_NUMBER[side + "LowerLeg"], 1, *shin, *axis, most])
         for part, cosine in _LEG_TURNS.items():
             rows.append(_keep_near(side + part, left, cosine))
-        toes = _direction(joints, side + "Ankle", side + "Foot") * (1.0, 0.0, 1.0)
-        toes /= np.linalg.norm(toes)
-        rows.append([BONE_NUMBER[side + "Foot"], 1, *toes, *-shin, _TOES_UP])
         forearm = _direction(joints, side + "Elbow", side + "Wrist")
         rows.append(_keep_near(side + "ForeArm", forearm, _ELBOW_BEND))
         hand = _direction(joints, side + "Wrist", side + "Fin")

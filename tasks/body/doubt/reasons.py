@@ -38,10 +38,10 @@ class DoubtSettings:
         If a number is out of its range.
     """
 
-    doubtful: Share = 0.06
+    doubtful: Share = 0.05
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    dances left out of the learning it found 0.82 of the wrong frames, and 0.26 of the frames that
-    it named were wrong; 0.08 has 0.78 and 0.29, 0.1 has 0.76 and 0.31, 0.2 has 0.65 and 0.42."""
+    dances left out of the learning it found 0.81 of the wrong frames, and 0.27 of the frames that
+    it named were wrong; 0.06 has 0.77 and 0.30, 0.1 has 0.69 and 0.37, 0.2 has 0.54 and 0.45."""
 
     other_cause: Share = 0.15
     """How doubtful each segment is at least where the body was measured with little confidence,

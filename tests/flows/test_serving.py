@@ -137,7 +137,12 @@ def test_a_scheduled_run_takes_in_what_is_dropped_and_it_can_be_searched(serve, 
     assert main(["search", str(serve.archive), "okuri48:0-40", "--json"]) == 0
     matches = json.loads(capsys.readouterr().out)["matches"]
     assert matches[0]["take"] == "okuri48"
-    scan = next(run for run in serve.runs(of=["FAILED"]) if run["name"] == "scan the inboxes")
+
+    def failed():  # it ends a moment after the file has been moved
+        named = (run for run in serve.runs(of=["FAILED"]) if run["name"] == "scan the inboxes")
+        return next(named, None)
+
+    scan = until(failed, "no scan failed")
     assert (scan["auto_scheduled"], scan["state_name"]) == (True, "Refused")
     assert scan["state"]["message"].startswith("1 of 3 recordings were not taken in: ")
     assert "broken.trc" in scan["state"]["message"]

@@ -53,7 +53,7 @@ def _others(value, accepted):
                 if word != value]  # fmt: skip
     if isinstance(value, int):
         return [value + 1, value - 1]
-    return [value * 0.9, value * 1.1, value + 0.1]
+    return [other for other in (value * 0.9, value * 1.1, value + 0.1) if other != value]
 
 
 def test_every_setting_says_what_it_means_why_and_in_which_unit():

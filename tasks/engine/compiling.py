@@ -119,8 +119,8 @@ def _other_process(tell: Tell) -> Iterator[None]:
     with subprocess.Popen(
         command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
-        heard = (copy_context().run, _listen, process, hear)  # by who watches this thread
-        listener = threading.Thread(target=heard[0], args=heard[1:], daemon=True)
+        here = copy_context()  # of who watches this thread
+        listener = threading.Thread(target=here.run, args=(_listen, process, hear), daemon=True)
         listener.start()
         try:
             yield

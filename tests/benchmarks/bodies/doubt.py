@@ -11,7 +11,6 @@ recordings are where SHOSA_DATA says.
 import argparse
 import itertools
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from tests.benchmarks.bodies.doubt_learning import Lesson, learn_weights, parts_
 from tests.benchmarks.bodies.poses import say, voxels_of
 from tests.benchmarks.bodies.runs import Voxels
 from tests.benchmarks.bodies.scores import LOST_M, joint_errors, longest_run
+from tests.benchmarks.recordings import data_folder
 
 SHARED = (
     "crossing",
@@ -58,11 +58,6 @@ teaches nothing of limbs that are lost for a while: its body was badly measured.
 
 BINS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.0)
 """Between which doubts reliability is told [probability]."""
-
-
-def data_folder() -> Path:
-    """Return where the shared recordings are."""
-    return Path(os.environ.get("SHOSA_DATA", Path.cwd().parent / "shared" / "data"))
 
 
 def lesson_of(

@@ -10,7 +10,6 @@ SHOSA_DATA says.
 
 import argparse
 import json
-import os
 import shutil
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from tests.benchmarks.bodies.captures import PLANS, make_captures
 from tests.benchmarks.bodies.runs import Voxels, describe, make_voxels, only_frames, pose, recall
 from tests.benchmarks.bodies.sensitivity import measure_sensitivity
 from tests.benchmarks.bodies.spoiling import troubled_voxels
+from tests.benchmarks.recordings import data_folder
 
 SHARED = ("plain", "kimono", "spin", "martial")
 TROUBLED = ("shared-plain", "shared-kimono", "indian-fitting")
@@ -32,7 +32,7 @@ COLUMNS = ("labels", "mean mm", "p95 mm", "> 150 mm", "run", "wrong", "flagged",
 
 def captures(folder: Path, only: Iterable[str]) -> dict[str, tuple[Path, Path]]:
     """Return folder and truth of the captures by name; those of our own are made."""
-    data = Path(os.environ.get("SHOSA_DATA", Path.cwd().parent / "shared" / "data"))
+    data = data_folder()
     chosen = list(only) or [*(f"shared-{name}" for name in SHARED), *PLANS]
     if unknown := [name for name in chosen if name not in PLANS and name[7:] not in SHARED]:
         sys.exit(f"there is no capture {', '.join(unknown)}; choose among {', '.join(PLANS)}")

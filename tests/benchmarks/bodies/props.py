@@ -8,11 +8,10 @@ has it wrongly, and joints and labels against the truth. `--notes` prints what w
 """
 
 import argparse
-import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +24,14 @@ from storage.blocks import Written, read_block
 from storage.formats.capture.capture import read_capture
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
 from storage.recordings import Recording, digest_capture
-from tasks.geometry.voxels import voxel_centers
 from tasks.settings import Settings, read_settings
-from tests.benchmarks.bodies.runs import Voxels
+from tests.benchmarks.bodies.runs import Voxels, labelled
 from tests.benchmarks.bodies.scenes import SCENES, make_scene
 from tests.benchmarks.bodies.scores import joint_errors, label_accuracy, score_joints
+from tests.benchmarks.recordings import data_folder
+
+Measure = Callable[[Path, Path, str], tuple[str, list[str]]]
+"""Returns a line of a table, and sentences, given a folder, the recordings and a name."""
 
 EVERY = 7
 """Voxels are scored in every so many frames."""
@@ -81,23 +83,12 @@ def measure(folder: Path, data: Path, name: str) -> tuple[str, list[str]]:
     label = read("final_labeling", "label")
     position, doubtful = read("joint_tracks", "position"), read("pose_fitting", "doubtful")
     joints = score_joints(joint_errors(position, truth), doubtful)
-    some = list(_labelled(voxels, label))
+    some = list(labelled(voxels, label, EVERY))
     things, dancer = _unlabelled(some, np.load(capture.with_name(f"{name}_things.npz")))
     return (
         f"| {name} | {things:.1%} | {dancer:.3%} | {joints['mean_mm']:.1f} | "
         f"{joints['lost']:.2%} | {label_accuracy(some, truth):.3f} | {joints['flagged']} |"
     ), notes
-
-
-def _labelled(voxels: Voxels, label: Any) -> Any:
-    """Yield centers, labels and number of every few frames."""
-    frames, begin = voxels.frames, 0
-    for frame in range(len(frames)):
-        index = frames.index(frame)
-        end = begin + len(index)
-        if frame % EVERY == 1:
-            yield voxel_centers(frames.grid, index), label[begin:end], frame
-        begin = end
 
 
 def _unlabelled(frames: Sequence[Any], surfaces: Any) -> tuple[float, float]:
@@ -118,6 +109,25 @@ def _unlabelled(frames: Sequence[Any], surfaces: Any) -> tuple[float, float]:
     return float(things), float(dancer)
 
 
+def print_table(
+    heading: str, kept: Path | None, names: Sequence[str], measure: Measure, *, said: bool
+) -> None:
+    """Print a line for each name as soon as it is measured; below it what was said, if asked for.
+
+    What is made for it goes into the folder `kept`, or a temporary one.
+    """
+    sys.stdout.write(heading)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = kept or Path(temporary)
+        for part in ("scenes", "archives"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            line, sentences = measure(folder, data_folder(), name)
+            below = "".join(f"    {each}\n" for each in sentences) if said else ""
+            sys.stdout.write(f"{line}\n{below}")
+            sys.stdout.flush()
+
+
 def main() -> None:
     """Read the command line, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -125,17 +135,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=SCENES, default=tuple(SCENES))
     parser.add_argument("--notes", action="store_true")
     args = parser.parse_args()
-    data = Path(os.environ.get("SHOSA_DATA", Path.cwd().parent / "shared" / "data"))
-    sys.stdout.write(HEADING)
-    with tempfile.TemporaryDirectory() as name:
-        folder = args.folder or Path(name)
-        (folder / "scenes").mkdir(parents=True, exist_ok=True)
-        (folder / "archives").mkdir(exist_ok=True)
-        for scene in args.only:
-            line, notes = measure(folder, data, scene)
-            said = "".join(f"    {note}\n" for note in notes) if args.notes else ""
-            sys.stdout.write(f"{line}\n{said}")
-            sys.stdout.flush()
+    print_table(HEADING, args.folder, args.only, measure, said=args.notes)
 
 
 if __name__ == "__main__":

@@ -175,7 +175,9 @@ def pose(
 
     position = read("joint_tracks", "position")
     score = score_joints(joint_errors(position, truth), read("pose_fitting", "doubtful"))
-    score["labels"] = label_accuracy(_labelled(voxels, read("final_labeling", "label")), truth)
+    score["labels"] = label_accuracy(
+        labelled(voxels, read("final_labeling", "label"), SCORED_EVERY), truth
+    )
     [initial] = blocks["initial_model"]
     confidence = float(read_block(voxels.place, initial.block)["confidence"])
     frames = len(position)
@@ -183,12 +185,12 @@ def pose(
     return score | {"ms": {stage: 1e3 * total / frames for stage, total in spent.items()}}
 
 
-def _labelled(voxels: Voxels, label: np.ndarray) -> Any:
-    """Yield centers, labels and number of every few frames."""
+def labelled(voxels: Voxels, label: np.ndarray, every: int) -> Any:
+    """Yield centers, labels and number of each `every`-th frame."""
     frames, begin = voxels.frames, 0
     for frame in range(len(frames)):
         index = frames.index(frame)
         end = begin + len(index)
-        if frame % SCORED_EVERY == 1:
+        if frame % every == 1:
             yield voxel_centers(frames.grid, index), label[begin:end], frame
         begin = end

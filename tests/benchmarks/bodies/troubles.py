@@ -7,10 +7,7 @@ it is digitized, also where ingestion would refuse it: the table tells what that
 """
 
 import argparse
-import os
 import shutil
-import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +30,7 @@ from tasks.body.labels.provisional import ProvisionalSettings
 from tasks.checks.agreement import AgreementSettings, check_take
 from tasks.checks.examination import examine_capture
 from tasks.reconstruction.silhouettes import SilhouetteSettings
-from tests.benchmarks.bodies.props import digitize, settings_of
+from tests.benchmarks.bodies.props import digitize, print_table, settings_of
 from tests.benchmarks.bodies.scenes import make_scene
 from tests.benchmarks.bodies.scores import joint_errors, score_joints
 
@@ -176,6 +173,7 @@ def measure(folder: Path, data: Path, trouble: str) -> tuple[str, list[str]]:
     truth = dict(np.load(capture.with_name(f"{scene}_truth.npz")))
     if not isinstance(made, str):
         into = folder / "troubles" / trouble.replace(" ", "-").replace(",", "")
+        into.parent.mkdir(exist_ok=True)
         shutil.rmtree(into, ignore_errors=True)
         truth["joints"] = truth["joints"][list(made(capture, into))]
         capture = into
@@ -243,17 +241,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=TROUBLES, default=tuple(TROUBLES))
     parser.add_argument("--sentences", action="store_true", help="what was said of each, too")
     args = parser.parse_args()
-    data = Path(os.environ.get("SHOSA_DATA", Path.cwd().parent / "shared" / "data"))
-    sys.stdout.write(HEADING)
-    with tempfile.TemporaryDirectory() as name:
-        folder = args.folder or Path(name)
-        for part in ("scenes", "archives", "troubles"):
-            (folder / part).mkdir(parents=True, exist_ok=True)
-        for trouble in args.only:
-            line, told = measure(folder, data, trouble)
-            said = "".join(f"    {each}\n" for each in told) if args.sentences else ""
-            sys.stdout.write(f"{line}\n{said}")
-            sys.stdout.flush()
+    print_table(HEADING, args.folder, args.only, measure, said=args.sentences)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ One thread is measured by its processor time, two by the clock. Every answer is 
 
 import argparse
 import math
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -38,6 +37,7 @@ from tasks.retrieval.segment_search import search_gradually, search_segments
 from tasks.retrieval.segments import ALIGNMENT, PackedTake, Segment
 from tasks.retrieval.warping import Clip, warp
 from tasks.retrieval.weighting import SearchSettings, joint_weights
+from tests.benchmarks.recordings import data_folder
 
 SEGMENT = 1 << 20
 """How many samples a segment has."""
@@ -61,7 +61,7 @@ class Dance:
 def main() -> None:
     """Run every benchmark and print one table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    data = Path(os.environ.get("SHOSA_DATA", "../shared/data")) / "mocap"
+    data = data_folder() / "mocap"
     parser.add_argument("--data", type=Path, default=data, help="a folder of BVH files")
     parser.add_argument("--frames", type=int, nargs="+", default=[100_000, 300_000, 1_000_000])
     parser.add_argument("--queries", type=int, default=2, help="how many of each kind")

@@ -8,7 +8,6 @@ docs/retrieval.md has the tables and what was concluded from them.
 
 import argparse
 import itertools
-import os
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -23,6 +22,7 @@ from tasks.retrieval.levels import LEVELS, level_thresholds
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match, Query, SearchSettings, search_takes
 from tasks.retrieval.segments import PackedTake
+from tests.benchmarks.recordings import data_folder
 from tests.benchmarks.similarity import truth
 from tests.benchmarks.similarity.path_constraints import CONSTRAINTS, warp_by
 from tests.benchmarks.similarity.truth import Danced, cut, overlap, style_of
@@ -43,7 +43,7 @@ partner repeats there too."""
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure everything and print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    shared = Path(os.environ.get("SHOSA_DATA", "../shared/data"))
+    shared = data_folder()
     parser.add_argument("--data", type=Path, default=shared / "mocap", help="recorded dance")
     parser.add_argument("--quick", action="store_true", help="a small part of everything")
     options = parser.parse_args(arguments)

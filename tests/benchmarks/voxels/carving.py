@@ -10,7 +10,6 @@ by the clock. Open3D is measured where it is installed (the extra `peers`).
 import argparse
 import importlib
 import json
-import os
 import sys
 import time
 import tomllib
@@ -31,6 +30,7 @@ from tasks.geometry.voxels import VoxelGrid, VoxelRuns, decode_runs, join_runs, 
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.coloring import ColoringSettings, color_surface
 from tests.benchmarks.history import keep_ratios
+from tests.benchmarks.recordings import data_folder
 from tests.benchmarks.voxels.peers import (
     MIN_CAMERAS,
     lens_of,
@@ -59,9 +59,7 @@ def main() -> None:
     """Run every benchmark and print one table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    parser.add_argument(
-        "--data", type=Path, default=Path(os.environ.get("SHOSA_DATA", "../shared/data"))
-    )
+    parser.add_argument("--data", type=Path, default=data_folder())
     options = parser.parse_args()
     scenes = [load(options.data / "captures" / name) for name in NAMES]
     scenes = [scene for scene in scenes if scene] or [generate()]

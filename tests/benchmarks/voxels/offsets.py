@@ -7,7 +7,6 @@ end.
 """
 
 import json
-import os
 import shutil
 import sys
 import tempfile
@@ -29,8 +28,9 @@ from tasks.capture.tangency import find_outline, find_touches
 from tasks.checks.offsets import Beginnings, Passage, Timing, judge_beginnings, timing_of
 from tasks.geometry.projection import Projection
 from tasks.reconstruction.silhouettes import extract_silhouettes
+from tests.benchmarks.recordings import data_folder
 
-DATA = Path(os.environ.get("SHOSA_DATA", "../shared/data"))
+DATA = data_folder()
 RENDERED = ("plain", "martial", "spin", "kimono")
 LATE, LOST = (1, 3, 8), (1, 3)
 LATE_FRAMES = 0.75

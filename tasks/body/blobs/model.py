@@ -67,6 +67,10 @@ _LEG_TURNS = {"UpperLeg": 0.17, "LowerLeg": 0.5, "Foot": 0.6}
 [cosine]. The angles are 80, 60 and 53 degrees. Chosen by eye on the shared captures; not
 measured."""
 
+_FOOT_UP = 0.5
+"""Largest sine of the angle by which a foot bends up from standing [sine]. It is 30 degrees: feet
+stood up along the shin under the skirt of a rendered take of lunges."""
+
 _ELBOW_BEND = -0.9
 """Least cosine of the angle by which an elbow bends [cosine]. It is 154 degrees: an elbow does not
 fold flat. Chosen by eye on the shared captures; not measured."""
@@ -239,6 +243,9 @@ def _limits(forward: Floats, left: Floats, joints: dict[str, Floats]) -> Floats:
             rows.append([BONE_NUMBER[side + "LowerLeg"], 1, *shin, *axis, most])
         for part, cosine in _LEG_TURNS.items():
             rows.append(_keep_near(side + part, left, cosine))
+        toes = (joints[side + "Foot"] - joints[side + "Ankle"]) * (1.0, 0.0, 1.0)
+        toes /= np.linalg.norm(toes)
+        rows.append([BONE_NUMBER[side + "Foot"], 1, *toes, *-shin, _FOOT_UP])
         forearm = _direction(joints, side + "Elbow", side + "Wrist")
         rows.append(_keep_near(side + "ForeArm", forearm, _ELBOW_BEND))
         hand = _direction(joints, side + "Wrist", side + "Fin")

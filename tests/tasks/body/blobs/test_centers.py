@@ -8,7 +8,7 @@ from tasks.body.anatomy.bones import BONES, PARENT, Pose
 from tasks.body.blobs import least_squares
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 
-HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg")]
+HELD = [BONES.index(bone) for bone in ("Body", "Head", "RUpperLeg", "LUpperLeg", "RFoot", "LFoot")]
 LEFT = np.array([1.0, 0.0, 0.0])
 SETTINGS = CenterSettings()
 
@@ -63,8 +63,8 @@ def test_joints_return_to_where_bones_turn(rng, body):
     assert (found[HELD] == 0).all()
 
 
-@pytest.mark.parametrize("held", ["Head", "RUpperLeg", "LUpperLeg"])
-def test_neck_and_hips_stay_where_bones_turn_about_another_place(held, rng, body):
+@pytest.mark.parametrize("held", ["Head", "RUpperLeg", "LUpperLeg", "RFoot", "LFoot"])
+def test_neck_hips_and_ankles_stay_where_bones_turn_about_another_place(held, rng, body):
     true, bone, rest = body
     wrong = true.copy()
     wrong[BONES.index(held)] += (0.0, 0.0, 0.04)

@@ -7,6 +7,8 @@ from tasks.body.anatomy import bones as articulated
 from tasks.body.anatomy.bones import BONES, PARENT, Pose
 from tasks.body.blobs import blobs, least_squares
 from tasks.body.poses import limbs as limb_search
+from tasks.geometry.voxels import encode_runs
+from tests.figures.tube_figures import figure_of_tubes, model_of
 
 B = BONES.index
 
@@ -125,6 +127,21 @@ def test_a_knee_beyond_its_limit_is_pushed_back():
     system[:] = 0
     least_squares.add_priors(rotation, rotation, nothing, limits, system[:, :-1], system[:, -1])
     assert not system.any()
+
+
+@pytest.mark.parametrize(("up", "is_pushed"), [(1.0, True), (0.4, False), (-0.8, False)])
+def test_a_foot_does_not_stand_up_along_the_shin(up, is_pushed):
+    figure = figure_of_tubes(0.0)
+    model = model_of(figure, encode_runs(figure[1][None]))
+    rotation = np.tile(np.eye(3), (15, 1, 1))
+    k = B("LFoot")
+    rotation[k] = articulated.rotation_of(np.array([-up, 0.0, 0.0]))  # toes (+z) up
+    system = np.zeros((least_squares.UNKNOWNS, least_squares.UNKNOWNS + 1))
+    least_squares.add_priors(
+        rotation, rotation, np.zeros((15, 2)), model.limits, system[:, :-1], system[:, -1]
+    )
+    assert (system[3 + 3 * k, -1] > 0.1) == is_pushed
+    assert system.any() == is_pushed
 
 
 def test_poses_blend_by_the_shortest_way(pose):

@@ -31,11 +31,12 @@ _AROUND_S = 0.2
 _BESIDE_S = 0.07
 """How far beyond its ends a stretch is exchanged [s]. Doubt begins a little late; chosen."""
 
-_LEAST_GAIN = 0.0
+_LEAST_GAIN = -0.01
 """How much likelier voxels must be the other way round, for it to be tried [mean logarithm of their
-likelihoods]. Such pairs keep their sides for another reason, as where hands went on. Of 16 doubtful
-stretches of 30 rendered captures in which the voxels were up to 0.12 less likely that way, each
-lost more joints when it was exchanged."""
+likelihoods]. Of 16 doubtful stretches of 30 rendered captures in which the voxels were up to 0.12
+less likely that way, each lost more joints when it was exchanged. But between ways that are as
+likely (`side_margin`) how hands went on decides, and doubt may take that back: in a rendered take
+arms that passed each other within a frame were exchanged for two seconds."""
 
 _LOWER = 0.1
 """By how much at least the doubt must fall [probability, mean over frames]. In twelve rendered
@@ -85,11 +86,14 @@ def _stretches(
     for pair in range(2):
         names = [name for row in LIMB_SEGMENTS for name in row[2 * pair : 2 * pair + 2]]
         doubted = doubt[:, [SEGMENTS.index(name) for name in names]].max(axis=1) > _DOUBTED
-        for first, last in runs(doubted):
-            could_be = (gains[first:last, pair] > _LEAST_GAIN).any()  # NaN is not
-            if could_be and last - first >= max(2, round(_LEAST_S * rate_hz)):
-                beside = round(_BESIDE_S * rate_hz)
-                yield pair, (max(0, first - beside), min(len(doubt), last + beside))
+        gain = gains[:, pair]  # NaN is neither
+        could_be, worse = gain > _LEAST_GAIN, gain <= _LEAST_GAIN
+        beside = round(_BESIDE_S * rate_hz)
+        for first, last in runs(doubted & ~worse):
+            if could_be[first:last].any() and last - first >= max(2, round(_LEAST_S * rate_hz)):
+                around = range(max(0, first - beside), min(len(doubt), last + beside))
+                own = [frame for frame in around if not worse[frame]]
+                yield pair, (own[0], own[-1] + 1)
 
 
 def _exchange(

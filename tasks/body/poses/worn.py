@@ -110,9 +110,17 @@ def exchange_by_colors(
 
 
 def _mark(take: Fitting, fits: Sequence[Fit], pair: int, initial_frame: int) -> Floats:
-    """Return the marks of a pair, with those of the initial frame for right."""
+    """Return the marks of a pair, with those of the initial frame for right.
+
+    Where this frame is marked wrong, but those around it are not, colors contradict themselves and
+    tell nothing: one frame is no reason to exchange all others.
+    """
     mark = mark_sides(take, fits, pair)
-    return -mark if mark[initial_frame] < _SURELY else mark
+    if mark[initial_frame] >= _SURELY:
+        return mark
+    around = round(_AROUND_S * take.rate_hz)
+    begun = mark[max(0, initial_frame - around) : initial_frame + around + 1]
+    return -mark if np.median(begun) < _SURELY else np.zeros_like(mark)
 
 
 def mark_sides(take: Fitting, fits: Sequence[Fit], pair: int) -> Floats:

@@ -74,6 +74,20 @@ def test_what_cannot_be_exchanged_is_not_tried(doubted, gain):
     assert not tried
 
 
+def test_nearly_as_likely_is_tried(doubted):
+    fitted, seen, tried, *_ = doubted
+    repair.doubt_and_repair(with_gains(fitted, -0.005), seen)
+    assert tried == [(0, STRETCH)]
+
+
+def test_frames_that_cannot_be_exchanged_are_left_out(doubted):
+    fitted, seen, tried, *_ = doubted
+    fitted = with_gains(fitted, 0.05)
+    fitted.account.exchange_gains[: DOUBTED[0]] = -np.inf
+    repair.doubt_and_repair(fitted, seen)
+    assert tried == [(0, (DOUBTED[0], STRETCH[1]))]
+
+
 def test_nobody_is_exchanged_with_nobody(doubted, monkeypatch):
     fitted, seen, *_ = doubted
     monkeypatch.setattr(repair, "fit_exchanged", lambda *_: None)

@@ -109,3 +109,12 @@ def test_the_initial_frame_is_right_whatever_most_frames_are(monkeypatch, figure
     assert pair == 0
     assert abs(first - 20) <= 2
     assert last == FRAMES
+
+
+def test_one_initial_frame_does_not_exchange_all_others(monkeypatch, figure):
+    take = take_of(figure, [RED] * FRAMES, [BLUE] * FRAMES)
+    fits, (_, found, gains), tried = exchange(monkeypatch, figure, take, 1.0, turned=range(4))
+    assert worn.mark_sides(take, fits, 0)[0] < -0.3
+    assert not tried
+    assert all(a is b for a, b in zip(fits, found, strict=True))
+    assert (gains == -0.1).all()

@@ -229,14 +229,15 @@ def fit_in_passes(
     """
     done = [(share - _SAMPLED) / (1.0 - _SAMPLED) for share in _STEPS]
     with within(0.0, done[0]):
-        first = _follow_both_ways(take, frame, start)
+        first = _follow_both_ways(_led_by_feet(take), frame, start)
     if hand_ends is not None:
         with within(done[0], done[1]):
             take = look_for_hands(take, first, hand_ends)
     with within(done[1], done[2]):
-        again = follow(take, range(take.frames - 1, -1, -1), first[-1].pose)[::-1]
+        led = _led_by_feet(take)
+        again = follow(led, range(take.frames - 1, -1, -1), first[-1].pose)[::-1]
     with within(done[2], done[3]):
-        merged = merge(take, first, again)
+        merged = merge(led, first, again)
     with within(done[3], done[4]):
         take = replace(take, model=settle_centers(take, merged))
     with within(done[4], done[5]):
@@ -246,6 +247,12 @@ def fit_in_passes(
         take, fits, gains = exchange_by_colors(take, fits, gains, frame)
         fits = turn_feet(take, fits)
     return Account(take, (tuple(first), tuple(again)), tuple(fits), gains), unsure
+
+
+def _led_by_feet(take: Fitting) -> Fitting:
+    """Return the take with feet that pull as they do while the body is followed."""
+    settings = take.settings
+    return replace(take, settings=replace(settings, foot_pull=settings.foot_pull_followed))
 
 
 def _follow_both_ways(take: Fitting, initial_frame: int, rest: Pose) -> list[Fit]:

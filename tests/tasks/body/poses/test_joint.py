@@ -9,6 +9,7 @@ from tasks.body.anatomy.bones import BONES, SEGMENT, Pose
 from tasks.body.anatomy.nearest_bones import bones_of_voxels
 from tasks.body.blobs import blobs
 from tasks.body.blobs.fitting import (
+    Fit,
     FitSettings,
     Target,
     fit_frame,
@@ -17,8 +18,9 @@ from tasks.body.blobs.fitting import (
     weigh,
 )
 from tasks.body.blobs.model import make_model
+from tasks.body.poses import joint
 from tasks.body.poses.joint import fit_poses, fitted_blobs
-from tasks.body.poses.passes import JointMethodSettings
+from tasks.body.poses.passes import Fitting, JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 
@@ -110,6 +112,39 @@ def waving():
 
 def hulls_of(runs):
     return [take_frame(runs, frame) for frame in range(runs.frames)]
+
+
+def test_feet_pull_more_while_the_body_is_followed(waving, monkeypatch):
+    model, frames = model_of(waving[2][0], waving[0]), 3
+    pulls = {"follow": [], "merge": [], "settle": []}
+    rest = articulated.rest_pose(model.origin)
+    fits = [Fit(rest, 0.0, np.ones(len(BONES)))] * frames
+
+    def note(name, found):
+        def noted(take, *_):
+            pulls[name].append([target.weight for target in take.targets(0)])
+            return found
+
+        return noted
+
+    monkeypatch.setattr(joint, "follow", note("follow", fits))
+    monkeypatch.setattr(joint, "merge", note("merge", [rest] * frames))
+    monkeypatch.setattr(joint, "settle", note("settle", fits))
+    monkeypatch.setattr(joint, "settle_centers", lambda take, _: take.model)
+    monkeypatch.setattr(joint, "tell_sides", lambda take, found: (take, found, None, None))
+    monkeypatch.setattr(joint, "exchange_by_colors", lambda *given: given[:3])
+    monkeypatch.setattr(joint, "turn_feet", lambda _, found: found)
+    cues = np.zeros((frames, 5, 3))
+    take = Fitting(
+        GRID, 30.0, model, JointMethodSettings(), cues, None, cues[0], [()] * frames,
+        np.ones((1, 16), np.float32),
+    )  # fmt: skip
+    joint.fit_in_passes(take, 0, rest, None)
+    own = [target.weight for target in take.targets(0)]
+    more = np.array([1.0, 1.0, 1.0, 2.5, 2.5])  # face, hands, feet
+    for name, expected in (("follow", own * more), ("merge", own * more), ("settle", own)):
+        assert pulls[name]
+        np.testing.assert_allclose(pulls[name], [expected] * len(pulls[name]))
 
 
 @pytest.mark.slow

@@ -51,7 +51,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel: Any = numba.njit(**options)(function)
+        # nobody calls a kernel from C; the function that would be called costs its compiling
+        kernel: Any = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if cache and kernel is not function:  # as it is with NUMBA_DISABLE_JIT=1
             with suppress(RuntimeError):  # no folder can be written to: compiled in each process
                 kernel._cache = _KernelCache(function)

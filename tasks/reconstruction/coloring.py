@@ -215,7 +215,7 @@ def _borrow(crop: Any, place: Any, camera: Any, color: Any) -> None:
                 color[n, k] = color[lender, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_nearest(crop: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the place of the colored voxel nearest to a place, shell by shell."""
     nearest, least, reach = (0, 0, 0), -1, 1
@@ -234,7 +234,7 @@ def _find_nearest(crop: Any, x: Any, y: Any, z: Any) -> Any:
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_voxel(place: Any, wanted: Any) -> Any:
     """Return the number of the voxel at a place, of voxels in order."""
     first, end = 0, len(place)

@@ -275,7 +275,7 @@ def _seed(
         ],
         np.float32,
     )
-    differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
+    differ_in_color(held, background.noise, limits)
     return held.seed
 
 

@@ -3,9 +3,11 @@
 The rules and their numbers are those of `tasks.reconstruction.silhouettes`.
 """
 
+import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.capture.backgrounds import Background
 from tasks.engine.kernels import njit
@@ -13,6 +15,21 @@ from tasks.engine.kernels import njit
 _BLACK = np.float32(1.0)
 """Square of a length that is added to that of the background's color [levels²]. It gives black,
 which has no color, a direction that divides."""
+
+_AT_ONCE = 64
+"""How many pixels of a row are compared roughly at a time [px]. It changes the speed only."""
+
+_GAIN_BITS = 7
+"""How many bits the gain has below 1 where pixels are compared roughly [bits]. With them a gain of
+2 times 255 levels is a number of 16 bits."""
+
+_ROUGH = 1.5
+"""How far the background of whole levels times such a gain is from that times the gain at most
+[levels]. The gain is 1/256 off, times 255 levels, and the product half a level."""
+
+_SPARE = 1.0
+"""By how much the rough comparison is stricter than it had to be [levels]. It covers `_BLACK`,
+for which no brightness is quite the nearest, and the rounding of floats."""
 
 _LUMA_OF_RED = np.float32(0.299)
 """Share of red in luma. ITU-R BT.601."""
@@ -36,37 +53,99 @@ class Planes:
     def __init__(self, background: Background) -> None:
         size = background.color.shape[:2]
         self.behind = background.planes
+        self.levels = background.levels
         self.planes = np.empty((3, *size), np.uint8)
         self.seed = np.empty(size, np.uint8)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def differ_in_color(image: Any, behind: Any, noise: Any, limits: Any, seed: Any) -> None:
+def differ_in_color(held: Planes, noise: NDArray[np.float32], limits: NDArray[np.float32]) -> None:
     """Set the pixels whose color no brightness of the background between the limits explains.
 
-    Planes of a channel each, and loops without branches, so that they are vectorized.
+    Parameters
+    ----------
+    held
+        The picture, and where it is written: 1 at these pixels, 0 at the others.
+    noise : (row, column) float32
+        Of the background.
+    limits : (5,) float32
+        How bright the picture is beside the background; threshold; how many times the noise it is
+        at least; the least and the greatest brightness.
+    """
+    gain, threshold = float(limits[0]), float(limits[1])
+    # as near in all three channels, a color is within the threshold of the background's own
+    near = (threshold - _SPARE) / math.sqrt(3.0) - 0.5 * gain - _ROUGH
+    factor = np.uint16(round(gain * (1 << _GAIN_BITS)))
+    rough = held.levels, factor, math.floor(near)
+    _differ(held.planes, held.behind, noise, limits, rough, held.seed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differ(image: Any, behind: Any, noise: Any, limits: Any, rough: Any, seed: Any) -> None:
+    """Set pixels as `differ_in_color`; of most parts of a row a rough comparison tells: none."""
+    levels, factor, near = rough
+    rows, columns = seed.shape
+    worst = np.empty(-(-columns // _AT_ONCE), np.uint16)
+    for i in range(rows):
+        _compare_roughly(image, levels, factor, i, worst)
+        begin = 0
+        while begin < columns:
+            end, is_near = begin, worst[begin // _AT_ONCE] <= near
+            while end < columns and (worst[end // _AT_ONCE] <= near) == is_near:
+                end += _AT_ONCE
+            end = min(end, columns)
+            if is_near:
+                for j in range(begin, end):
+                    seed[i, j] = 0
+            else:
+                _differ_exactly(image, behind, noise, limits, (i, begin, end), seed)
+            begin = end
+
+
+@njit(cache=True, nogil=True)
+def _compare_roughly(image: Any, levels: Any, factor: Any, i: Any, worst: Any) -> None:
+    """Write of each part of a row how far a channel is at most from the background, in levels."""
+    columns = image.shape[2]
+    half = np.uint16(1 << (_GAIN_BITS - 1))
+    worst[:] = 0
+    for k in range(3):
+        here, there = image[k, i], levels[k, i]
+        for part in range(len(worst)):
+            most = worst[part]
+            for j in range(part * _AT_ONCE, min(part * _AT_ONCE + _AT_ONCE, columns)):
+                wanted = np.uint16(np.uint16(there[j]) * factor + half) >> np.uint16(_GAIN_BITS)
+                found = np.uint16(here[j])
+                away = np.uint16(max(wanted, found) - min(wanted, found))
+                most = max(most, away)
+            worst[part] = most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differ_exactly(image: Any, behind: Any, noise: Any, limits: Any, part: Any, seed: Any) -> None:
+    """Set pixels of a part of a row, planes of a channel each.
+
+    The loops have no branches, so that they are vectorized.
     """
     gain, threshold, levels, darkest, brightest = limits
-    columns = seed.shape[1]
-    far, limit = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    for i in range(seed.shape[0]):
-        red, green, blue = image[0, i], image[1, i], image[2, i]
-        red_behind, green_behind, blue_behind = behind[0, i], behind[1, i], behind[2, i]
-        for j in range(columns):
-            r, g, b = np.float32(red[j]), np.float32(green[j]), np.float32(blue[j])
-            br, bg, bb = gain * red_behind[j], gain * green_behind[j], gain * blue_behind[j]
-            length = br * br + bg * bg + bb * bb + _BLACK
-            share = (r * br + g * bg + b * bb) / length
-            share = share if share > darkest else darkest
-            share = share if share < brightest else brightest
-            r, g, b = r - share * br, g - share * bg, b - share * bb
-            far[j] = r * r + g * g + b * b
-        for j in range(columns):
-            least = levels * noise[i, j]
-            least = least if least > threshold else threshold
-            limit[j] = least * least
-        for j in range(columns):
-            seed[i, j] = far[j] > limit[j]
+    i, begin, end = part
+    far, limit = np.empty(end - begin, np.float32), np.empty(end - begin, np.float32)
+    red, green, blue = image[0, i, begin:end], image[1, i, begin:end], image[2, i, begin:end]
+    red_behind, green_behind = behind[0, i, begin:end], behind[1, i, begin:end]
+    blue_behind, rough, into = behind[2, i, begin:end], noise[i, begin:end], seed[i, begin:end]
+    for j in range(end - begin):
+        r, g, b = np.float32(red[j]), np.float32(green[j]), np.float32(blue[j])
+        br, bg, bb = gain * red_behind[j], gain * green_behind[j], gain * blue_behind[j]
+        length = br * br + bg * bg + bb * bb + _BLACK
+        share = (r * br + g * bg + b * bb) / length
+        share = share if share > darkest else darkest
+        share = share if share < brightest else brightest
+        r, g, b = r - share * br, g - share * bg, b - share * bb
+        far[j] = r * r + g * g + b * b
+    for j in range(end - begin):
+        least = levels * rough[j]
+        least = least if least > threshold else threshold
+        limit[j] = least * least
+    for j in range(end - begin):
+        into[j] = far[j] > limit[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -145,7 +145,7 @@ def _sum_columns(
             row, sign = (middle + reach, 1) if sign < 0 else (row + 1, 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _belongs(pixel: Any, there: Any, sums: Any, rule: Any) -> Any:
     """Return whether a pixel's color is nearer to that inside than to that behind, or neither."""
     cut, other = rule

@@ -17,11 +17,15 @@ _BLACK = np.float32(1.0)
 which has no color, a direction that divides."""
 
 _AT_ONCE = 64
-"""How many pixels of a row are compared roughly at a time [px]. It changes the speed only."""
+"""How many pixels of a row are compared roughly at a time [px]. Eight times the bytes of a number
+of 64 bits. It changes the speed only."""
 
 _GAIN_BITS = 7
 """How many bits the gain has below 1 where pixels are compared roughly [bits]. With them a gain of
 2 times 255 levels is a number of 16 bits."""
+
+_LARGEST_FACTOR = 256
+"""The largest gain in such bits that is compared roughly [1/128]. It is a gain of 2."""
 
 _ROUGH = 1.5
 """How far the background of whole levels times such a gain is from that times the gain at most
@@ -29,7 +33,7 @@ _ROUGH = 1.5
 
 _SPARE = 1.0
 """By how much the rough comparison is stricter than it had to be [levels]. It covers `_BLACK`,
-for which no brightness is quite the nearest, and the rounding of floats."""
+for which no brightness is quite the nearest (half a level at most), and the rounding of floats."""
 
 _LUMA_OF_RED = np.float32(0.299)
 """Share of red in luma. ITU-R BT.601."""
@@ -74,49 +78,64 @@ def differ_in_color(held: Planes, noise: NDArray[np.float32], limits: NDArray[np
     gain, threshold = float(limits[0]), float(limits[1])
     # as near in all three channels, a color is within the threshold of the background's own
     near = (threshold - _SPARE) / math.sqrt(3.0) - 0.5 * gain - _ROUGH
-    factor = np.uint16(round(gain * (1 << _GAIN_BITS)))
-    rough = held.levels, factor, math.floor(near)
+    factor = round(gain * (1 << _GAIN_BITS))
+    bits = int(math.log2(near + 1.0)) if near >= 1.0 and factor <= _LARGEST_FACTOR else 0
+    rough = held.levels, np.uint16(min(factor, _LARGEST_FACTOR)), bits
     _differ(held.planes, held.behind, noise, limits, rough, held.seed)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _differ(image: Any, behind: Any, noise: Any, limits: Any, rough: Any, seed: Any) -> None:
     """Set pixels as `differ_in_color`; of most parts of a row a rough comparison tells: none."""
-    levels, factor, near = rough
+    levels, factor, bits = rough
     rows, columns = seed.shape
-    worst = np.empty(-(-columns // _AT_ONCE), np.uint16)
+    parts = -(-columns // _AT_ONCE)
+    away = np.zeros(parts * _AT_ONCE, np.uint8)  # beyond the row nothing is away
+    eights, far = away.view(np.uint64), np.ones(parts + 1, np.bool_)
     for i in range(rows):
-        _compare_roughly(image, levels, factor, i, worst)
+        if bits:
+            _compare_roughly(image, levels, factor, i, away)
+            _find_far(eights, bits, far)
+        for j in range(columns):
+            seed[i, j] = 0
         begin = 0
-        while begin < columns:
-            end, is_near = begin, worst[begin // _AT_ONCE] <= near
-            while end < columns and (worst[end // _AT_ONCE] <= near) == is_near:
-                end += _AT_ONCE
-            end = min(end, columns)
-            if is_near:
-                for j in range(begin, end):
-                    seed[i, j] = 0
-            else:
-                _differ_exactly(image, behind, noise, limits, (i, begin, end), seed)
-            begin = end
+        while begin < parts:
+            end = begin
+            while end < parts and far[end]:
+                end += 1
+            if end > begin:
+                part = (i, begin * _AT_ONCE, min(end * _AT_ONCE, columns))
+                _differ_exactly(image, behind, noise, limits, part, seed)
+            begin = end + 1
 
 
 @njit(cache=True, nogil=True)
-def _compare_roughly(image: Any, levels: Any, factor: Any, i: Any, worst: Any) -> None:
-    """Write of each part of a row how far a channel is at most from the background, in levels."""
-    columns = image.shape[2]
+def _compare_roughly(image: Any, levels: Any, factor: Any, i: Any, away: Any) -> None:
+    """Write half of how far a row's pixels are from the background, the channels' levels or-ed.
+
+    All in 16 bits and without a branch, so that many pixels are compared at once.
+    """
     half = np.uint16(1 << (_GAIN_BITS - 1))
-    worst[:] = 0
+    for j in range(image.shape[2]):
+        away[j] = 0
     for k in range(3):
         here, there = image[k, i], levels[k, i]
-        for part in range(len(worst)):
-            most = worst[part]
-            for j in range(part * _AT_ONCE, min(part * _AT_ONCE + _AT_ONCE, columns)):
-                wanted = np.uint16(np.uint16(there[j]) * factor + half) >> np.uint16(_GAIN_BITS)
-                found = np.uint16(here[j])
-                away = np.uint16(max(wanted, found) - min(wanted, found))
-                most = max(most, away)
-            worst[part] = most
+        for j in range(len(here)):
+            times = np.uint16(np.uint16(np.uint16(there[j]) * factor) + half)
+            wanted, found = np.uint16(times >> np.uint16(_GAIN_BITS)), np.uint16(here[j])
+            apart = np.uint16(wanted - found) if wanted > found else np.uint16(found - wanted)
+            away[j] |= np.uint8(apart >> np.uint16(1))
+
+
+@njit(cache=True, nogil=True)
+def _find_far(eights: Any, bits: Any, far: Any) -> None:
+    """Write in which parts of a row a pixel is away by so many bits or more, eight in a number."""
+    more = np.uint64(0xFF & ~((1 << (bits - 1)) - 1)) * np.uint64(0x0101010101010101)
+    for part in range(len(far) - 1):
+        some = np.uint64(0)
+        for n in range(part * (_AT_ONCE // 8), (part + 1) * (_AT_ONCE // 8)):
+            some |= eights[n]
+        far[part] = (some & more) != 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
 
+_ALL = 255
+"""Eight pixels of a silhouette."""
+
 
 def take_pixels(packed: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return (pixel, 3) the colors of a silhouette's pixels, row after row.
@@ -50,6 +53,12 @@ def _take(packed: Any, image: Any, pixels: Any) -> None:
         for byte in range(packed.shape[1]):
             bits = packed[row, byte]
             if bits == 0:
+                continue
+            if bits == _ALL:
+                for bit in range(8):
+                    for k in range(3):
+                        pixels[n + bit, k] = image[row, 8 * byte + bit, k]
+                n += 8
                 continue
             for bit in range(8):
                 if bits >> (7 - bit) & 1:

@@ -81,11 +81,6 @@ class Background:
         object.__setattr__(self, "color", planes[:3].transpose(1, 2, 0))
 
     @cached_property
-    def levels(self) -> NDArray[np.uint8]:
-        """(3, row, column), the color in whole levels, a plane a channel."""
-        return np.rint(self.planes[:3]).astype(np.uint8)
-
-    @cached_property
     def brightness(self) -> NDArray[np.float32]:
         """(row / 3, column / 3), sum of the channels of the pixels that tell a frame's gain."""
         red, green, blue = np.moveaxis(self.color[::_STEP, ::_STEP], -1, 0)

@@ -277,7 +277,7 @@ def _seed(
         ],
         np.float32,
     )
-    differ_in_color(held, background.noise, limits)
+    differ_in_color(held.planes, held.behind, background.noise, limits, held.seed)
     return held.seed
 
 

@@ -143,7 +143,7 @@ def what_differs(film: NDArray[np.uint8], background: Background) -> NDArray[np.
         far = np.sqrt(np.vecdot(off, off))
         least = _NOISE_LEVELS * max(np.median(far) / _NORMAL_RADIUS, _LEAST_NOISE)
         limits = np.array([gain, least, 0.0, 1.0 - _BRIGHTER, 1.0 + _BRIGHTER], np.float32)
-        differ_in_color(held, none, limits)
+        differ_in_color(held.planes, held.behind, none, limits, held.seed)
         into[:] = held.seed
     return differs
 

@@ -14,7 +14,7 @@ _EIGHTS = 8
 """Of how many bytes of a row the pixels before them are counted together [bytes]. It changes the
 speed only."""
 
-_BITS_OF = np.bitwise_count(np.arange(256, dtype=np.uint8))
+_BITS_OF = np.bitwise_count(np.arange(256)).astype(np.int64)
 """How many bits of a byte are set."""
 
 _ALL = 255

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import types
+from numba.core.errors import NumbaError
 
 from tasks.engine import kernels
 from tasks.engine.threads import THREADS
@@ -179,7 +180,8 @@ def _compile_stage(kernels_of: dict[str, str]) -> int:
 def _compile(name: str, arguments: str) -> None:
     """Compile a kernel for some types of arguments, unless it is kept; leave what is not there."""
     module, function = name.split(":")
-    with suppress(ImportError, AttributeError):  # it was renamed: the stage compiles it
+    # it was renamed, or takes other types: the stage compiles it
+    with suppress(ImportError, AttributeError, NumbaError):
         getattr(importlib.import_module(module), function).compile(_read_types(arguments))
 
 

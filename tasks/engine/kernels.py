@@ -149,7 +149,7 @@ def _digests_behind(module: str) -> dict[str, str]:
 class _Nowhere:
     """Where kernels are kept if no folder can be written to; a wheel may carry some."""
 
-    PATH = os.path.join(os.devnull, "nowhere")
+    PATH = str(Path(__file__).with_name("nowhere"))
 
     @classmethod
     def from_function(cls, _function: Callable[..., Any], _file: str) -> "_Nowhere":

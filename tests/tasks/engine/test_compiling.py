@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.compiled, pytest.mark.slow]
 LIST = {
     "first": {"tasks.calling:call": "(int64,)"},
     "pose_fitting": {"tasks.helping:twice": "(int64,)", "tasks.gone:away": "(int64,)"},
-    "last": {"tasks.calling:call": "(unicode_type,)"},  # as a kernel once was called
+    "last": {"tasks.helping:twice": "(unicode_type,)"},  # as a kernel once was called
 }
 
 

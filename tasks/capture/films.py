@@ -31,9 +31,9 @@ by eye; not measured."""
 _BLOCK_BYTES = 1 << 26
 """How large the silhouettes of all cameras of a block are at most, a bit a pixel [bytes]."""
 
-_HELD_BYTES = 1 << 27
+_HELD_BYTES = 1 << 26
 """How large decoded frames of all cameras are that are worked on at a time, at most [bytes]. Two
-such blocks are in memory."""
+such blocks are in memory. Where only one frame is worked on, it is not copied."""
 
 _MOST_AT_ONCE = 16
 """How many frames are decoded at a time at most [frames]. Chosen by eye; not measured."""

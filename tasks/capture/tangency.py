@@ -205,7 +205,7 @@ def _hull_corners(packed: Any, columns: Any, corner: Any, begin: Any) -> Any:
     return used
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _first_bit(row: Any) -> Any:
     """Return the number of the first bit that is set in some bytes; -1 where none is."""
     for b in range(len(row)):
@@ -217,7 +217,7 @@ def _first_bit(row: Any) -> Any:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _last_bit(row: Any) -> Any:
     """Return the number of the last bit that is set in some bytes; -1 where none is."""
     for b in range(len(row) - 1, -1, -1):

@@ -9,6 +9,7 @@ promise: what is missing in it is compiled by the stage, what is too much in it 
     python -m tasks.engine.compiling --beside  leave one processor to whoever started this
 """
 
+import gc
 import hashlib
 import importlib
 import json
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import types
+from numba.core.errors import NumbaError
 
 from tasks.engine import kernels
 from tasks.engine.threads import THREADS
@@ -178,7 +180,8 @@ def _compile_stage(kernels_of: dict[str, str]) -> int:
 def _compile(name: str, arguments: str) -> None:
     """Compile a kernel for some types of arguments, unless it is kept; leave what is not there."""
     module, function = name.split(":")
-    with suppress(ImportError, AttributeError):  # it was renamed: the stage compiles it
+    # it was renamed, or takes other types: the stage compiles it
+    with suppress(ImportError, AttributeError, NumbaError):
         getattr(importlib.import_module(module), function).compile(_read_types(arguments))
 
 
@@ -234,6 +237,7 @@ def _listen(process: "subprocess.Popen[str]", tell: Tell) -> None:
 
 def main() -> None:
     """Compile, and print after each kernel how many are done, and of how many."""
+    gc.disable()  # a twelfth of the time, of a process that ends when all is compiled
     compile_all(_print, max(1, THREADS - 1) if BESIDE in sys.argv[1:] else THREADS)
 
 

@@ -8,16 +8,18 @@ change in the files behind it; after any edit to its own file, numba compiles it
 
 A wheel may carry kernels, compiled for the oldest processor that they are to run on
 (`python -m tests.wheel`). They count where this one has all that they use, and the code, Python and
-numba are those that they were made with.
+numba are those that they were made with, also where nothing can be written to.
 
 numba has no public way to say so for some kernels and not for all packages. `FunctionCache`,
 `IndexDataCacheFile`, `CompileResultCacheImpl` and the `_cache` of a dispatcher are its own;
 tests/tasks/engine/test_kernels.py tells when they change.
 """
 
+import errno
 import functools
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -35,6 +37,9 @@ CARRIED = Path(__file__).with_name("carried")
 TARGET = "target.json"
 """What they were made for and from, as of `made_for`."""
 
+_NOT_FROM_C: dict[str, Any] = {"no_cfunc_wrapper": True}
+"""Nobody calls a kernel from C; what would be called costs its compiling."""
+
 _Target = tuple[str, str, str]
 """The system, the processor, and its features, each with a + before it, between commas."""
 
@@ -51,7 +56,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel: Any = numba.njit(**options)(function)
+        kernel: Any = numba.njit(**_NOT_FROM_C | options)(function)
         if cache and kernel is not function:  # as it is with NUMBA_DISABLE_JIT=1
             with suppress(RuntimeError):  # no folder can be written to: compiled in each process
                 kernel._cache = _KernelCache(function)
@@ -63,7 +68,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 def folder_of(kernel: Any) -> Path | None:
     """Return the folder in which what is compiled of a kernel is kept; None where it is not."""
     path = getattr(getattr(kernel, "_cache", None), "cache_path", None)
-    return Path(path) if path else None
+    return Path(path) if path and path != _Nowhere.PATH else None
 
 
 def processor() -> _Target:
@@ -141,8 +146,32 @@ def _digests_behind(module: str) -> dict[str, str]:
     return {name: _digest_of(name) for name in source_files(module)}
 
 
+class _Nowhere:
+    """Where kernels are kept if no folder can be written to; a wheel may carry some."""
+
+    PATH = str(Path(__file__).with_name("nowhere"))
+
+    @classmethod
+    def from_function(cls, _function: Callable[..., Any], _file: str) -> "_Nowhere":
+        return cls()
+
+    def get_cache_path(self) -> str:
+        return self.PATH
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return ""
+
+    def ensure_cache_path(self) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
 class _KernelFiles(CompileResultCacheImpl):
     """What numba writes of a kernel and reads again, with the digests of its sources."""
+
+    _locator_classes = (*CompileResultCacheImpl._locator_classes, _Nowhere)
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
         super().__init__(py_func)

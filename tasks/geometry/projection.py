@@ -234,7 +234,7 @@ def _find_pixels(points: Any, lens: Any, pixel: Any) -> None:
         _find_pixels_of(points, camera, pixel[c])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _find_pixels_of(points: Any, camera: Any, pixel: Any) -> None:
     """Write the nearest pixel of each point, (3, point), before a camera.
 

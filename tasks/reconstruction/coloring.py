@@ -18,7 +18,7 @@ from storage import open_archive
 from storage.blocks import Block, Written, read_block, write_block
 from storage.formats.capture.capture import capture_of
 from storage.schema import NO_CAMERA
-from tasks.capture.films import grid_of, largest_image, projection_of
+from tasks.capture.films import grid_of, projection_of
 from tasks.engine.kernels import njit
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
@@ -31,7 +31,7 @@ from tasks.geometry.voxels import (
     take_frame,
     voxel_centers,
 )
-from tasks.reconstruction.regions.pixels import place_pixels
+from tasks.reconstruction.regions.pixels import number_pixels
 from tasks.reconstruction.sight.visibility import REACH, hide_pixels
 
 _COLORED = 2
@@ -110,16 +110,39 @@ def color_surface(
         cameras, or there are `NO_CAMERA` cameras or more.
     """
     _check(hull, grid, images, silhouettes, projection)
+    rows, columns = np.minimum(images.shape[1:3], silhouettes.shape[1:]).tolist()
+    inside = silhouettes[:, :rows, :columns]
+    pixels = images[:, :rows, :columns][inside]
+    return color_of_pixels(hull, grid, np.packbits(inside, axis=-1), pixels, projection, settings)
+
+
+def color_of_pixels(
+    hull: VoxelRuns,
+    grid: VoxelGrid,
+    packed: NDArray[np.uint8],
+    pixels: NDArray[np.uint8],
+    projection: Projection,
+    settings: ColoringSettings,
+) -> SurfaceColors:
+    """Return what `color_surface` does, of the silhouettes' pixels alone.
+
+    Parameters
+    ----------
+    packed : (camera, row, column / 8) uint8
+        The silhouettes, packed along the columns; no bit is set beside an image.
+    pixels : (pixel, 3) uint8
+        RGB of the silhouettes' pixels in their order: camera by camera, row by row.
+    """
     crop, begin = padded_crop(hull, 0, margin=REACH)
     is_surface, index = find_surface(hull, crop, begin)
     place = index - begin
     pixel = nearest_pixels(voxel_centers(grid, index), projection)
-    _keep_inside(silhouettes, pixel)
+    _keep_inside(packed, pixel)
     cameras = (camera_centers(projection) - grid.origin_m) / grid.voxel_m - begin
     hide_pixels(crop, place, cameras, settings.lift_voxels, pixel)
     color = np.zeros((len(index), 3), np.uint8)
     camera = np.full(len(index), NO_CAMERA, np.uint8)
-    _choose(np.ascontiguousarray(images), pixel, color, camera)
+    _choose(pixels, number_pixels(packed, pixel), color, camera)
     _borrow(crop, place, camera, color)
     return SurfaceColors(is_surface, index, color, camera)
 
@@ -160,42 +183,41 @@ def _check(
 
 
 @njit(cache=True, nogil=True)
-def _keep_inside(silhouettes: Any, pixel: Any) -> None:
+def _keep_inside(packed: Any, pixel: Any) -> None:
     """Write -1 for the pixels outside the silhouettes."""
     for c in range(len(pixel)):
         for n in range(pixel.shape[1]):
             row, column = pixel[c, n, 0], pixel[c, n, 1]
-            if row >= 0 and not silhouettes[c, row, column]:
+            if row >= 0 and not packed[c, row, column >> 3] >> (7 - (column & 7)) & 1:
                 pixel[c, n, 0] = pixel[c, n, 1] = -1
 
 
 @njit(cache=True, nogil=True)
-def _choose(images: Any, pixel: Any, color: Any, camera: Any) -> None:
+def _choose(pixels: Any, number: Any, color: Any, camera: Any) -> None:
     """Write the candidate nearest to the mean of the candidates, and its camera."""
     for n in range(len(color)):
         count = red = green = blue = 0
-        for c in range(len(pixel)):
-            row, column = pixel[c, n, 0], pixel[c, n, 1]
-            if row >= 0:
+        for c in range(len(number)):
+            p = number[c, n]
+            if p >= 0:
                 count += 1
-                red += np.int64(images[c, row, column, 0])
-                green += np.int64(images[c, row, column, 1])
-                blue += np.int64(images[c, row, column, 2])
+                red += np.int64(pixels[p, 0])
+                green += np.int64(pixels[p, 1])
+                blue += np.int64(pixels[p, 2])
         least = -1
-        for c in range(len(pixel)):
-            row, column = pixel[c, n, 0], pixel[c, n, 1]
-            if row >= 0:
-                r = count * np.int64(images[c, row, column, 0]) - red
-                g = count * np.int64(images[c, row, column, 1]) - green
-                b = count * np.int64(images[c, row, column, 2]) - blue
+        for c in range(len(number)):
+            p = number[c, n]
+            if p >= 0:
+                r = count * np.int64(pixels[p, 0]) - red
+                g = count * np.int64(pixels[p, 1]) - green
+                b = count * np.int64(pixels[p, 2]) - blue
                 distance = r * r + g * g + b * b
                 if least < 0 or distance < least:
                     least = distance
                     camera[n] = c
         if count:
-            c = camera[n]
             for k in range(3):
-                color[n, k] = images[c, pixel[c, n, 0], pixel[c, n, 1], k]
+                color[n, k] = pixels[number[camera[n], n], k]
 
 
 @njit(cache=True, nogil=True)
@@ -215,7 +237,7 @@ def _borrow(crop: Any, place: Any, camera: Any, color: Any) -> None:
                 color[n, k] = color[lender, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_nearest(crop: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the place of the colored voxel nearest to a place, shell by shell."""
     nearest, least, reach = (0, 0, 0), -1, 1
@@ -234,7 +256,7 @@ def _find_nearest(crop: Any, x: Any, y: Any, z: Any) -> Any:
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_voxel(place: Any, wanted: Any) -> Any:
     """Return the number of the voxel at a place, of voxels in order."""
     first, end = 0, len(place)
@@ -280,14 +302,10 @@ def color_block(
     edges = np.cumsum([0, *counts])
     projection, grid = projection_of(source.cameras), grid_of(source)
     runs = VoxelRuns(**read_block(place, hulls), shape=grid.shape)
-    _, columns = largest_image(source.cameras)
 
     def color(frame: int) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
-        bits = np.unpackbits(packed[frame], axis=-1, count=columns)
-        images = np.empty((*bits.shape, 3), np.uint8)  # only silhouettes are looked at
-        place_pixels(packed[frame], pixels[edges[frame] : edges[frame + 1]], images)
-        hull, seen = take_frame(runs, frame), bits.view(np.bool_)
-        found = color_surface(hull, grid, images, seen, projection, settings)
+        seen = packed[frame], pixels[edges[frame] : edges[frame + 1]]
+        found = color_of_pixels(take_frame(runs, frame), grid, *seen, projection, settings)
         return found.is_surface, found.color, found.camera
 
     is_surface, colors, cameras = zip(*side_by_side(color, range(runs.frames)), strict=True)

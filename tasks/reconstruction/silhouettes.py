@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
@@ -151,6 +150,7 @@ def extract_silhouettes(
     background: Background,
     settings: SilhouetteSettings = DEFAULT,
     expected: NDArray[np.bool_] | None = None,
+    into: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Return where each frame of a camera shows the performer.
 
@@ -164,6 +164,8 @@ def extract_silhouettes(
         The rule and its numbers.
     expected : (time, row, column) bool, optional
         Pixels that are the performer's as the other cameras tell: `expected_of_all`.
+    into : (time, row, column) bool, optional
+        Where they are written, all False before; a new array where it is not given.
 
     Returns
     -------
@@ -177,7 +179,7 @@ def extract_silhouettes(
         The frames are no pictures, or of another size than the background.
     """
     _check_frames(frames, background)
-    silhouettes = np.zeros(frames.shape[:3], np.bool_)
+    silhouettes = np.zeros(frames.shape[:3], np.bool_) if into is None else into
     held = Planes(background)
     for n, (frame, silhouette) in enumerate(zip(frames, silhouettes, strict=True)):
         image = smooth(frame, held.planes)
@@ -306,12 +308,14 @@ def _outlined(
 
 def _box(seed: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
     """Return the rows and columns of what is set, with a margin; None where nothing is."""
-    column, row, columns, rows = cv2.boundingRect(seed)
-    if not rows:
+    rows = np.flatnonzero(np.bitwise_or.reduce(seed, axis=1))
+    if not len(rows):
         return None
+    some = np.bitwise_or.reduce(seed[rows[0] : rows[-1] + 1], axis=0)
+    columns = np.flatnonzero(some)
     return (
-        slice(max(row - margin, 0), row + rows + margin),
-        slice(max(column - margin, 0), column + columns + margin),
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + 1 + margin),
     )
 
 
@@ -384,7 +388,7 @@ def extract_block(
                 for each, mask, silhouette in zip(film, masks[camera], own, strict=True):
                     color_rim(each, mask, silhouette)
             else:
-                own[:] = extract_silhouettes(film, backgrounds[camera], settings, expected[camera])
+                extract_silhouettes(film, backgrounds[camera], settings, expected[camera], own)
                 for n, frame in here:
                     seen = own[frame], film[frame], backgrounds[camera].color
                     _put(stale[n, camera], np.packbits(stale_outline(*seen), axis=-1))

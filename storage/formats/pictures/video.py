@@ -240,6 +240,8 @@ def pick_frames(video: Video, numbers: Sequence[int]) -> Iterator[NDArray[np.uin
 
 def _take(source: Iterator[Any], video: Video, count: int) -> NDArray[np.uint8]:
     """Return the next frames of a film."""
+    if count == 1:  # as it was decoded: large pictures come one at a time
+        return np.ascontiguousarray(next(source))[None]
     frames = np.empty((count, *video.frame_shape), np.uint8)
     for n in range(count):
         frames[n] = next(source)

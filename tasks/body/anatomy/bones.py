@@ -110,6 +110,14 @@ def blend(poses: Sequence[Pose], weights: Floats, near: Pose) -> Pose:
 
 
 @njit(cache=True, nogil=True)
+def put(matrix: Any, into: Any) -> None:
+    """Write a matrix (3, 3). Numpy's way compiles the texts of errors too, for seconds."""
+    for i in range(3):
+        for j in range(3):
+            into[i, j] = matrix[i, j]
+
+
+@njit(cache=True, nogil=True)
 def times(a: Any, b: Any) -> Any:
     """Return the product a b of matrices (3, 3). The library's call costs more than the product."""
     out = np.zeros((3, 3))
@@ -192,7 +200,8 @@ def place_joints(root: Any, rotation: Any, origin: Any, joints: Any) -> None:
     for k in ORDER:
         p = PARENT[k]
         if p < 0:
-            joints[k] = root
+            for i in range(3):
+                joints[k, i] = root[i]
             continue
         for i in range(3):
             value = joints[p, i]
@@ -217,7 +226,7 @@ def _extrapolate(before: Any, now: Any, share: Any, out: Any) -> None:
         turned = _vector(over(here, _local(before, k)))
         go = share[1] if PARENT[k] < 0 else share[0]
         ahead = times(_rotation(go * turned), here)
-        out[k] = ahead if PARENT[k] < 0 else times(out[PARENT[k]], ahead)
+        put(ahead if PARENT[k] < 0 else times(out[PARENT[k]], ahead), out[k])
 
 
 @njit(cache=True, nogil=True)
@@ -227,4 +236,4 @@ def _average(rotations: Any, share: Any, out: Any) -> None:
         step = np.zeros(3)
         for p in range(rotations.shape[0]):
             step += share[p] * _vector(over(rotations[p, k], out[k]))
-        out[k] = times(_rotation(step), out[k])
+        put(times(_rotation(step), out[k]), out[k])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
-from tasks.body.anatomy.bones import over, times
+from tasks.body.anatomy.bones import over, put, times
 from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
@@ -213,7 +213,7 @@ def make_blobs(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_near(box: Any, mean: Any, half: Any, near: Any) -> int:
     """Write the numbers of the blobs whose boxes meet a box; return how many they are."""
     found = 0
@@ -272,7 +272,7 @@ def _add_shares(points: Any, weight: Any, over: Any, sums: Any) -> None:
     sums[3] += z
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def share_out(voxels: Any, blobs: Any, nobody: float, sums: Any) -> float:
     """Share voxels out among blobs; return the mean log likelihood of a voxel.
 
@@ -329,10 +329,10 @@ def place_blobs(body: Any, joints: Any, rotation: Any, widening: float, placed: 
             for j in range(3):
                 mean[b, i] += rotated[i, j] * offset[b, j]
         if b < turning:
-            turned[b] = over(times(rotated, inverse[b]), rotated)
+            put(over(times(rotated, inverse[b]), rotated), turned[b])
             spread = over(times(rotated, covariance[b]), rotated)
         else:
-            turned[b] = inverse[b]
+            put(inverse[b], turned[b])
             spread = covariance[b]
         for i in range(3):
             half[b, i] = widening * np.sqrt(_FARTHEST * spread[i, i])

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tasks.body.anatomy.bones import BONES, Floats, Pose, place_bones, place_joints
+from tasks.body.anatomy.bones import BONES, Floats, Pose, place_bones, place_joints, put
 from tasks.body.blobs.blobs import Blobs, Voxels, place_blobs, share_out
 from tasks.body.blobs.centers import CenterSettings, Evidence, move_centers
 from tasks.body.blobs.least_squares import UNKNOWNS, add_points, add_priors, move, solve
@@ -265,10 +265,14 @@ def _climb(
             normal[k, k] += _DAMPING
         solve(system, step)
         largest = np.abs(step[3:]).max()
-        step *= min(1.0, numbers[2] / max(largest, _NOT_ZERO))
+        share_of_step = min(1.0, numbers[2] / max(largest, _NOT_ZERO))
+        for k in range(UNKNOWNS):
+            step[k] *= share_of_step
         move(step, rotation, turned)
-        rotation[:] = turned
-        root += step[:3]
+        for k in range(len(rotation)):
+            put(turned[k], rotation[k])
+        for a in range(3):
+            root[a] += step[a]
     return likelihood
 
 
@@ -302,7 +306,7 @@ def weigh(
     return likelihood
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_targets(targets: Any, rotation: Any, joints: Any, system: Any) -> None:
     """Add the pull of places where points were seen; the farther a place, the weaker it pulls."""
     bone, offset, place, weight, scale = targets

@@ -18,6 +18,7 @@ from tasks.body.anatomy.bones import (
     _rotation,
     _vector,
     over,
+    put,
     times,
 )
 from tasks.engine.kernels import njit
@@ -26,7 +27,7 @@ UNKNOWNS = 3 + 3 * len(BONES)
 """Unknowns of a pose [numbers]. They are a translation and a twist of each bone."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_point(
     k: int, point: Any, weight: Any, residual: Any, joints: Any, normal: Any, right: Any
 ) -> None:
@@ -76,7 +77,7 @@ def _add_turn(k: int, turn: Any, weight: float, normal: Any, right: Any) -> None
         normal[3 + 3 * k + a, 3 + 3 * k + a] += weight
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: Any) -> None:
     """Add the limit that a turned direction of bone k goes along an axis by at most a share.
 
@@ -99,7 +100,7 @@ def _add_limit(k: int, limit: Any, turned: Any, frame: Any, normal: Any, right: 
             normal[3 + 3 * k + a, 3 + 3 * k + b] += limit[0] * slope[a] * slope[b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def add_priors(rotation: Any, ahead: Any, stiffness: Any, limits: Any, normal: Any, right: Any):
     """Add what is known of every bone before a frame is looked at.
 
@@ -132,7 +133,7 @@ def add_points(bone: Any, points: Any, weights: Any, residuals: Any, joints: Any
             _add_point(bone[p], points[p], weights[p], residuals[p], joints, normal, right)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def solve(system: Any, step: Any) -> None:
     """Write the solution of the normal equations `system` (unknown, unknown + 1); change them.
 
@@ -156,12 +157,13 @@ def solve(system: Any, step: Any) -> None:
         step[k] /= system[k, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def move(step: Any, rotation: Any, turned: Any) -> None:
     """Write the rotations after a step of the unknowns."""
     total = np.zeros((rotation.shape[0], 3))
     for k in ORDER:
-        total[k] = step[3 + 3 * k : 6 + 3 * k]
-        if PARENT[k] >= 0:
-            total[k] += total[PARENT[k]]
-        turned[k] = times(_rotation(total[k]), rotation[k])
+        for a in range(3):
+            total[k, a] = step[3 + 3 * k + a]
+            if PARENT[k] >= 0:
+                total[k, a] += total[PARENT[k], a]
+        put(times(_rotation(total[k]), rotation[k]), turned[k])

@@ -303,7 +303,8 @@ def _find_neighbors(where: Any, column: Any, center: Any) -> Any:
         x, y, z = where[cell, 0], where[cell, 1], where[cell, 2]
         if cell == column[x, y]:
             begin[0] = column[x, y + 1]
-            begin[1:] = column[x + 1, y - 1 : y + 2]
+            for k in range(3):
+                begin[1 + k] = column[x + 1, y - 1 + k]
         if cell + 1 < column[x, y + 1] and where[cell + 1, 2] == z + 1:
             _join(cell, cell + 1, center, beside, length, count)
         for k in range(4):

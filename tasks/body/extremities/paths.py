@@ -195,8 +195,9 @@ def _lay_out(begin: Any, order: Any, ghosts: Any) -> Any:
             before = count[point, t - 1] if t else 0
             moves[point, t + 1] = moves[point, t] + before * count[point, t]
         states[t + 1] = states[t] + count[0, t] * count[1, t]
-    first[1] += first[0, -1]
-    moves[1] += moves[0, -1]
+    for t in range(frames + 2):
+        first[1, t] += first[0, -1]
+        moves[1, t] += moves[0, -1]
     return first, moves, states
 
 
@@ -207,12 +208,16 @@ def _walk(candidate: Any, begin: Any, order: Any, start: Any, layout: Any, rule:
     slot, move = np.zeros((first[1, -1], _VELOCITY + 3)), np.full(moves[1, -1], np.inf)
     own, best = np.zeros(states[-1]), np.zeros(states[-1])
     for point in range(2):
-        slot[first[point, 0], :_UNSEEN] = start[point]
+        for k in range(_UNSEEN):
+            slot[first[point, 0], k] = start[point, k]
         slot[first[point, 0], _PARENT] = -1.0
     for t in range(1, len(order) + 1):
         found = np.empty((2, 2), np.int64)
         for point in range(2):
-            found[point] = begin[point, order[t - 1] : order[t - 1] + 2]
+            found[point, 0], found[point, 1] = (
+                begin[point, order[t - 1]],
+                begin[point, order[t - 1] + 1],
+            )
             last = best[states[t - 1] : states[t]].reshape(
                 first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
             )
@@ -231,11 +236,12 @@ def _walk(candidate: Any, begin: Any, order: Any, start: Any, layout: Any, rule:
             candidate[found[0, 0] : found[0, 1]], candidate[found[1, 0] : found[1, 1]], here, rule
         )
         _add_steps(first, moves, states, move, t, best)
-        best[states[t] : states[t + 1]] += own[states[t] : states[t + 1]]
+        for n in range(states[t], states[t + 1]):
+            best[n] += own[n]
     return slot, move, own, best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _least(best: Any, point: Any) -> Any:
     """Return the least cost of each slot of a point, wherever the other point is."""
     alone = np.full(best.shape[point], np.inf)
@@ -246,7 +252,20 @@ def _least(best: Any, point: Any) -> Any:
     return alone
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
+def _order(cost: Any) -> Any:
+    """Return the numbers of some costs, the least first, equal ones as they come."""
+    order = np.empty(len(cost), np.int64)
+    for n in range(len(cost)):
+        k = n
+        while k > 0 and cost[n] < cost[order[k - 1]]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = n
+    return order
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _open(before: Any, after: Any, spots: Any, best: Any, cost: Any, rule: Any) -> None:
     """Write the slots of a frame: its candidates, and ghosts of the best slots before."""
     seen = len(spots)
@@ -254,7 +273,7 @@ def _open(before: Any, after: Any, spots: Any, best: Any, cost: Any, rule: Any) 
         for k in range(3):
             after[n, k] = spots[n, k]
         after[n, _PARENT] = -1.0
-    kept = np.argsort(best, kind="mergesort")
+    kept = _order(best)
     for n in range(len(after) - seen):
         parent = kept[n]
         for k in range(3):
@@ -265,7 +284,7 @@ def _open(before: Any, after: Any, spots: Any, best: Any, cost: Any, rule: Any) 
         cost[parent, seen + n] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _cost_moves(before: Any, after: Any, seen: Any, cost: Any, rule: Any) -> None:
     """Write what the ways to candidates cost; ways that are too long keep infinity."""
     noise = np.sqrt(2.0) * rule.noise
@@ -292,7 +311,7 @@ def _cost_moves(before: Any, after: Any, seen: Any, cost: Any, rule: Any) -> Non
                 cost[b, n] = min(0.5 * (off * off) + wide, rule.jump)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _aim(before: Any, after: Any, seen: Any, alone: Any, cost: Any, rule: Any) -> None:
     """Write the velocity at which the best way comes to each candidate."""
     for n in range(seen):
@@ -305,7 +324,7 @@ def _aim(before: Any, after: Any, seen: Any, alone: Any, cost: Any, rule: Any) -
             after[n, _VELOCITY + k] = (after[n, k] - before[source, k]) / time_s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _cost_states(right: Any, left: Any, cost: Any, rule: Any) -> None:
     """Write what each pair of slots costs by itself, of candidates and of unseen points."""
     for i in range(cost.shape[0]):
@@ -322,7 +341,7 @@ def _cost_states(right: Any, left: Any, cost: Any, rule: Any) -> None:
                 cost[i, j] += rule.together * max(1.0 - way * way, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_steps(first: Any, moves: Any, states: Any, move: Any, t: Any, best: Any) -> None:
     """Write what the best way to each state of a frame costs, without the state's own cost."""
     k, m = first[0, t] - first[0, t - 1], first[1, t] - first[1, t - 1]
@@ -352,14 +371,17 @@ def _probabilities(first: Any, moves: Any, states: Any, move: Any, own: Any) -> 
         right, left, here = _part(first, moves, states, chance, own, t)
         ahead = (right.T.copy() @ ahead @ left) * here
         ahead /= max(ahead.sum(), 1e-300)
-        likely[states[t] : states[t + 1]] = ahead.ravel()
+        flat = ahead.ravel()
+        for n in range(len(flat)):
+            likely[states[t] + n] = flat[n]
     back = np.ones_like(ahead)
     for t in range(frames, 1, -1):
         right, left, here = _part(first, moves, states, chance, own, t)
         back = right @ (back * here) @ left.T.copy()
         back /= max(back.sum(), 1e-300)
-        both = likely[states[t - 1] : states[t]]
-        both *= back.ravel()
+        both, flat = likely[states[t - 1] : states[t]], back.ravel()
+        for n in range(len(both)):
+            both[n] *= flat[n]
         both /= max(both.sum(), 1e-300)
     return likely
 
@@ -411,7 +433,8 @@ def _read(slot: Any, first: Any, states: Any, likely: Any, path: Any, alike: Any
             chosen = path[t - 1, point]
             if own[chosen, _UNSEEN]:
                 continue
-            position[t - 1, point] = own[chosen, :_UNSEEN]
+            for k in range(_UNSEEN):
+                position[t - 1, point, k] = own[chosen, k]
             for n in range(len(own)):
                 x, y, z = (
                     own[n, 0] - own[chosen, 0],

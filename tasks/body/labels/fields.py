@@ -269,7 +269,7 @@ def _look(ends: Any, near: Any, known: Any, back: Any, boxes: Any, distance: Any
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _cubes_around(lines: Any) -> Any:
     """Return the first corner of the voxels' box, and how many cubes cover it."""
     low = (lines[0, X], lines[0, Y], lines[0, Z])
@@ -285,7 +285,7 @@ def _cubes_around(lines: Any) -> Any:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bounds: Any) -> None:
     """Write how near a ball each bone may be; infinity for a bone that is nowhere the nearest."""
     unit, lower = bounds
@@ -311,7 +311,7 @@ def _bound(middle: Any, radius: Any, back: Any, boxes: Any, distance: Any, bound
             lower[b] = np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _choose(lower: Any, known: Any, cube: Any) -> Any:
     """Write the bones that may be the nearest somewhere in a cube; return how many they are."""
     near = 0

@@ -177,7 +177,8 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     marks = np.zeros(len(box), np.uint8)
     ring = np.empty(len(label), np.int32)
     room = np.zeros(len(share) + 1, np.int64)
-    room[1:] = np.cumsum(np.maximum(np.ceil(wanted).astype(np.int64), 0))
+    for s in range(len(share)):
+        room[s + 1] = room[s] + max(np.int64(np.ceil(wanted[s])), 0)
     gained, gains = np.empty(room[-1], np.int32), np.full(len(share), -1, np.int64)
     for _ in range(most_rings):
         own = worst + 1
@@ -201,7 +202,7 @@ def _dilate(label: Any, lines: Any, share: Any, limits: Any) -> None:
     _read(box, place, lines, label)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_stretches(label: Any, lines: Any) -> Any:
     """Return line, first voxel, end and label of each stretch, and the voxels of each label."""
     turn = np.empty(len(label) + 1, np.int32)  # voxels with another label than the one before
@@ -225,7 +226,7 @@ def _find_stretches(label: Any, lines: Any) -> Any:
     return stretch[:s], count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _sort_by_label(stretch: Any, place: Any, lines: Any) -> Any:
     """Return place and length of each stretch in the box, and where those of each label begin."""
     begin = np.zeros(257, np.int64)
@@ -242,7 +243,7 @@ def _sort_by_label(stretch: Any, place: Any, lines: Any) -> Any:
     return ordered, begin
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _paint(label: Any, lines: Any) -> Any:
     """Return a box of labels, 0 where no voxel is, each line's place in it, and steps in it."""
     low = (lines[0, X], lines[0, Y], lines[0, Z])
@@ -263,7 +264,7 @@ def _paint(label: Any, lines: Any) -> Any:
     return box, place, np.array([-1, 1, -deep, deep, -wide, wide])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _read(box: Any, place: Any, lines: Any, label: Any) -> None:
     """Write the labels of a box."""
     for line in range(len(lines)):
@@ -271,7 +272,7 @@ def _read(box: Any, place: Any, lines: Any, label: Any) -> None:
             label[lines[line, FIRST] + k] = box[place[line] + k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _mark_enclosed(box: Any, step: Any, own: Any, stretch: Any, marks: Any) -> None:
     """Mark the voxels of the stretches of a label that are beside no other label."""
     deep, wide, own = step[3], step[5], np.uint8(own)
@@ -296,7 +297,7 @@ def _most_shrunken(count: Any, wanted: Any, enough: Any) -> Any:
     return worst
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
     """Write the voxels beside what a label has left of its stretches; return how many they are."""
     size = np.int64(0)
@@ -312,7 +313,7 @@ def _find_ring(box: Any, step: Any, stretch: Any, ring: Any, marks: Any) -> Any:
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_gained(box: Any, step: Any, own: Any, gained: Any, ring: Any, marks: Any) -> Any:
     """Write the voxels beside those that a label gained; return how many it kept and the ring's."""
     member, end = gained
@@ -344,7 +345,7 @@ def _add_beside(box: Any, step: Any, voxel: Any, ring: Any, size: Any, marks: An
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _take(box: Any, step: Any, own: Any, taken: Any, count: Any, marks: Any) -> None:
     """Give voxels to a label, and forget of those beside them whether they are enclosed."""
     for voxel in taken:

@@ -124,7 +124,7 @@ def _clean(label: Any, lines: Any) -> Any:
     return _grow(label, voxel, around)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_stretches(label: Any, lines: Any) -> Any:
     """Return the stretches of one label along z, in order."""
     turn = np.empty(len(label) + 1, np.int32)  # voxels with another label than the one before
@@ -148,7 +148,7 @@ def _find_stretches(label: Any, lines: Any) -> Any:
     return stretch[:s]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_columns(stretch: Any) -> Any:
     """Return the first stretch of each column (one more at the end), and the columns around it."""
     column = np.empty(len(stretch) + 1, np.int32)
@@ -173,7 +173,7 @@ def _find_columns(stretch: Any) -> Any:
     return column[: count + 1], beside
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_regions(stretch: Any, column: Any, beside: Any) -> Any:
     """Return the region of each stretch, -1 without label, and the regions' sizes."""
     first = np.arange(len(stretch)).astype(np.int32)  # of stretches that are joined
@@ -196,7 +196,7 @@ def _find_regions(stretch: Any, column: Any, beside: Any) -> Any:
     return region, size[:count]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _join(stretch: Any, column: Any, own: Any, other: Any, first: Any) -> None:
     """Join the stretches of two columns that touch and have one label."""
     begin, end = column[other], column[other + 1]
@@ -221,7 +221,7 @@ def first_of(first: Any, one: Any) -> Any:
     return one
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _find_neighbors(stretch: Any, column: Any, beside: Any, count: Any) -> Any:
     """Return the voxels without a label, and the neighbors of each in all six directions."""
     voxel, around = np.empty(count, np.int32), np.full((count, 6), NOBODY, np.int32)
@@ -247,7 +247,7 @@ def _find_neighbors(stretch: Any, column: Any, beside: Any, count: Any) -> Any:
     return voxel, around
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _write_beside(stretch: Any, own: Any, part: Any, around: Any, begin: Any, way: Any) -> None:
     """Write which voxels of a column are beside those of a stretch."""
     z, end = stretch[own, _Z], stretch[own, _END]
@@ -257,7 +257,7 @@ def _write_beside(stretch: Any, own: Any, part: Any, around: Any, begin: Any, wa
             around[begin + low - z + n, way] = stretch[t, _VOXEL] + low - stretch[t, _Z] + n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _grow(label: Any, voxel: Any, around: Any) -> Any:
     """Write labels into voxels that have none, ring by ring; return how many are not reached."""
     waiting = np.arange(len(voxel))

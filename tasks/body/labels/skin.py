@@ -197,7 +197,9 @@ def _skin_regions(index: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArra
 @njit(cache=True, nogil=True)
 def _join_near(index: Any, first: Any) -> None:
     """Write for each voxel the one that stands for its region; neighbors are within two voxels."""
-    low, high = index[:, 1].min(), index[:, 1].max()
+    low = high = index[0, 1]
+    for n in range(len(index)):
+        low, high = min(low, index[n, 1]), max(high, index[n, 1])
     sides = high - low + 1
     column = np.zeros((index[-1, 0] - index[0, 0] + 1) * sides + 1, np.int32)  # voxels before it
     for n in range(len(index)):

@@ -65,7 +65,7 @@ def _read_runs(words: Any, begin: Any, shape: Any) -> Any:
     return runs
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _count_runs(words: Any) -> Any:
     """Return the number of runs of set bits."""
     found = 0

@@ -137,7 +137,7 @@ def _project(lens: Any, c: Any, points: Any, count: Any) -> None:
         v[n] = row
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) -> Any:
     """Return a camera's vote on every voxel of a box, or that it may differ among them."""
     x, y, z = middle
@@ -186,7 +186,7 @@ def _look(counts: Any, crops: Any, lens: Any, c: Any, middle: Any, half: Any) ->
     return _INSIDE if count == (right - left) * (bottom - top) else _UNDECIDED
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _bend_box(lens: Any, c: Any, middle: Any, half: Any, bend: Any) -> Any:
     """Return the middle of a box's image after the lens, and bounds of its half sizes.
 
@@ -212,7 +212,7 @@ def _bend_box(lens: Any, c: Any, middle: Any, half: Any, bend: Any) -> Any:
     return bent, (along_a * da + across * db + curve, across * da + along_b * db + curve)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _count(counts: Any, crops: Any, c: Any, rows: Any, columns: Any) -> Any:
     """Return how many pixels of a rectangle show the performer."""
     top, left, bottom, right = crops[c, 0], crops[c, 1], crops[c, 2], crops[c, 3]
@@ -272,9 +272,16 @@ def _survey(views: Any, axes: Any, rule: Any) -> Any:
                     continue
                 if found == len(boxes):
                     boxes = np.concatenate((boxes, boxes))
-                boxes[found] = box
+                _copy(box, boxes[found])
                 found += 1
     return boxes[:found]
+
+
+@njit(cache=True, nogil=True)
+def _copy(box: Any, into: Any) -> None:
+    """Copy the numbers of a box; numpy's way compiles texts of errors too, for seconds."""
+    for k in range(len(into)):
+        into[k] = box[k]
 
 
 @njit(cache=True, nogil=True)
@@ -285,11 +292,11 @@ def _refine(views: Any, axes: Any, rule: Any, boxes: Any, begin: Any, words: Any
     parent = np.empty(7, np.int64)
     scratch = (np.empty((6, _LEAF**3)), np.empty((2, _LEAF**3), np.int64))
     for first in range(len(boxes)):
-        stack[0] = boxes[first]
+        _copy(boxes[first], stack[0])
         depth = 1
         while depth > 0:
             depth -= 1
-            parent[:] = stack[depth]
+            _copy(stack[depth], parent)
             open_votes = 0
             for c in range(len(views[3])):
                 open_votes += (parent[4] >> c) & 1
@@ -301,7 +308,7 @@ def _refine(views: Any, axes: Any, rule: Any, boxes: Any, begin: Any, words: Any
                 step = parent[3] // 2
                 for child in range(8):
                     box = stack[depth]
-                    box[:] = parent
+                    _copy(parent, box)
                     box[0] += (child >> 2) * step
                     box[1] += (child >> 1 & 1) * step
                     box[2] += (child & 1) * step
@@ -310,7 +317,7 @@ def _refine(views: Any, axes: Any, rule: Any, boxes: Any, begin: Any, words: Any
                         depth += not _decide(views, axes, rule, box)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _fill(words: Any, begin: Any, box: Any, shape: Any) -> None:
     """Set the bits of a full box."""
     x0, y0, z0, side = box[0], box[1], box[2], box[3]
@@ -321,7 +328,7 @@ def _fill(words: Any, begin: Any, box: Any, shape: Any) -> None:
             words[x - begin[0], y - begin[1], at // WORD] |= np.uint32(bits)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _test(views: Any, axes: Any, rule: Any, box: Any, into: Any, scratch: Any) -> None:
     """Let the undecided cameras of a leaf vote on each voxel; set the bits of the occupied."""
     silhouettes, lens = views[0], views[3]
@@ -350,7 +357,7 @@ def _test(views: Any, axes: Any, rule: Any, box: Any, into: Any, scratch: Any) -
             place[at // WORD] |= np.uint32(1 << (at % WORD + z))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _lay_out(axes: Any, box: Any, points: Any) -> Any:
     """Write the voxel centers of a leaf into rows 0 to 2, in order; return how many."""
     xs, ys, zs = axes

@@ -90,7 +90,7 @@ def _find_runs(region: Any, inside: Any, reach: Any, runs: Any) -> Any:
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _join(runs: Any, one: Any, other: Any) -> None:
     """Make two runs parts of the same."""
     a, b = _root(runs, one), _root(runs, other)

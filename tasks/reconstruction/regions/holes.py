@@ -216,7 +216,7 @@ def _measure(center: Any, ray: Any, within: Any, marks: Any, lens: Any, found: A
         thick[n] = most * step
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _look(x: Any, y: Any, z: Any, own: Any, marks: Any, lens: Any) -> Any:
     """Return 1 where all other cameras see a point inside, 2 where some see a hole, else 0."""
     poses, intrinsics, distortion, radius, image_size = lens

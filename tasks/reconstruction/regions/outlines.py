@@ -67,32 +67,25 @@ def _mark_zone(inside: Any, zone: Any) -> None:
 def _draw(zone: Any, pictures: Any, corner: Any, rule: Any, outlined: Any) -> None:
     """Decide the pixels of zone 1 (beside the outline) and 2 (on it).
 
-    Of the rows in reach, each column's sums are held: a row comes in, and one goes. Sums are exact
-    in whatever order, for no bit is lost of the brightness of a picture.
+    They are few, so that only the columns in their reach are summed. Sums are exact in whatever
+    order, for no bit is lost of the brightness of a picture.
     """
     image, behind = pictures
     reach, cut, other = rule
     rows, columns = zone.shape
-    width = columns + 2 * reach  # a margin, so that no window is cut
-    sums = (np.zeros(width, np.int64), np.zeros(width, np.int64), np.zeros(width, np.int64))
-    shades = np.zeros(width)
-    own = (
-        sums[0][reach : reach + columns],
-        sums[1][reach : reach + columns],
-        sums[2][reach : reach + columns],
-        shades[reach : reach + columns],
-    )
-    for i in range(-reach, rows):
-        _change_rows(zone, pictures, corner, (i + reach, i - reach - 1), own)
-        if i < 0:
-            continue
+    sums = (np.empty(columns, np.int64), np.empty(columns, np.int64), np.empty(columns, np.int64))
+    shades, held = np.empty(columns), np.full(columns, -2)
+    for i in range(rows):
         for j in range(columns):
             outlined[i, j] = zone[i, j] >= 2
-        for j in range(columns):
-            if zone[i, j] == 1 or zone[i, j] == 2:
+        begin, end = _next_run(zone[i], 0)
+        while begin < columns:
+            span = (max(begin - reach, 0), min(end + reach, columns))
+            _sum_columns(zone, pictures, corner, (i, reach), span, sums, shades, held)
+            for j in range(begin, end):
                 a = b = c = 0
                 shade = 0.0
-                for k in range(j, j + 2 * reach + 1):
+                for k in range(max(j - reach, 0), min(j + reach + 1, columns)):
                     a, b, c = a + sums[0][k], b + sums[1][k], c + sums[2][k]
                     shade += shades[k]
                 if a & _LOW and c & _LOW and shade > 0:  # else as it was: too thin, too crowded
@@ -100,49 +93,59 @@ def _draw(zone: Any, pictures: Any, corner: Any, rule: Any, outlined: Any) -> No
                     pixel = (image[0, y, x], image[1, y, x], image[2, y, x])
                     there = (behind[0, y, x], behind[1, y, x], behind[2, y, x])
                     outlined[i, j] = _belongs(pixel, there, (a, b, c, shade), (cut, other))
+            begin, end = _next_run(zone[i], end)
 
 
 @njit(cache=True, nogil=True)
-def _change_rows(zone: Any, pictures: Any, corner: Any, changed: Any, sums: Any) -> None:
-    """Add a row to the sums of each column, and take one away, where there are these rows.
+def _next_run(zone: Any, column: Any) -> Any:
+    """Return where pixels of a row that are to be decided begin, from a column on, and end."""
+    while column < len(zone) and (zone[column] == 0 or zone[column] == 3):
+        column += 1
+    end = column
+    while end < len(zone) and zone[end] != 0 and zone[end] != 3:
+        end += 1
+    return column, end
 
-    Two sums are in a number: red and count, green and blue inside; brightness and count outside;
-    brightness behind that.
+
+@njit(cache=True, nogil=True)
+def _sum_columns(
+    zone: Any, pictures: Any, corner: Any, reached: Any, span: Any, sums: Any, shades: Any,
+    held: Any,
+) -> None:  # fmt: skip
+    """Make the sums of some columns those of the rows in reach of a row.
+
+    Where they are those of the row above it, a row goes, and one comes in. Two sums are in a
+    number: red and count, green and blue inside; brightness and count outside; brightness behind
+    that.
     """
     image, behind = pictures
-    first, second, third, fourth = sums
-    top, left = corner
-    rows, columns = zone.shape
-    comes, goes = -np.int64(changed[0] < rows), -np.int64(changed[1] >= 0)  # masks of all bits
-    new, old = min(changed[0], rows - 1), max(changed[1], 0)
-    kind, was = zone[new], zone[old]
-    y, x, end = top + new, left, left + columns
-    red, green, blue = image[0, y, x:end], image[1, y, x:end], image[2, y, x:end]
-    shade = behind[3, y, x:end]
-    y = top + old
-    red_was, green_was, blue_was = image[0, y, x:end], image[1, y, x:end], image[2, y, x:end]
-    shade_was = behind[3, y, x:end]
-    for j in range(columns):
-        here, there = comes & -np.int64(kind[j] == 3), goes & -np.int64(was[j] == 3)
-        come, go = np.int64(red[j]) << 32 | 1, np.int64(red_was[j]) << 32 | 1
-        first[j] += (here & come) - (there & go)
-    for j in range(columns):
-        here, there = comes & -np.int64(kind[j] == 3), goes & -np.int64(was[j] == 3)
-        come = np.int64(green[j]) << 32 | np.int64(blue[j])
-        go = np.int64(green_was[j]) << 32 | np.int64(blue_was[j])
-        second[j] += (here & come) - (there & go)
-    for j in range(columns):
-        here, there = comes & -np.int64(kind[j] == 0), goes & -np.int64(was[j] == 0)
-        come = np.int64(red[j]) + np.int64(green[j]) + np.int64(blue[j])
-        go = np.int64(red_was[j]) + np.int64(green_was[j]) + np.int64(blue_was[j])
-        third[j] += (here & (come << 32 | 1)) - (there & (go << 32 | 1))
-    for j in range(columns):
-        here, there = comes & -np.int64(kind[j] == 0), goes & -np.int64(was[j] == 0)
-        fourth[j] += np.float64(shade[j]) if here else 0.0
-        fourth[j] -= np.float64(shade_was[j]) if there else 0.0
+    middle, reach = reached
+    first, second, third = sums
+    for k in range(span[0], span[1]):
+        if held[k] == middle:
+            continue
+        row, steps, sign = middle - reach, 2 * reach + 1, 1
+        if held[k] == middle - 1:
+            row, steps, sign = row - 1, 2, -1
+        else:
+            first[k] = second[k] = third[k] = 0
+            shades[k] = 0.0
+        held[k] = middle
+        for _ in range(steps):
+            if 0 <= row < len(zone):
+                y, x = corner[0] + row, corner[1] + k
+                red, green, blue = image[0, y, x], image[1, y, x], image[2, y, x]
+                if zone[row, k] == 3:
+                    first[k] += sign * (np.int64(red) << 32 | 1)
+                    second[k] += sign * (np.int64(green) << 32 | np.int64(blue))
+                elif zone[row, k] == 0:
+                    bright = np.int64(red) + np.int64(green) + np.int64(blue)
+                    third[k] += sign * (bright << 32 | 1)
+                    shades[k] += sign * np.float64(behind[3, y, x])
+            row, sign = (middle + reach, 1) if sign < 0 else (row + 1, 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _belongs(pixel: Any, there: Any, sums: Any, rule: Any) -> Any:
     """Return whether a pixel's color is nearer to that inside than to that behind, or neither."""
     cut, other = rule

@@ -1,4 +1,4 @@
-"""The pixels of silhouettes out of pictures, one after another, and back into them.
+"""The pixels of silhouettes out of pictures, one after another, and which of them is where.
 
 Silhouettes are packed as by `numpy.packbits`: the first of eight pixels is the highest bit.
 """
@@ -9,6 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
+
+_EIGHTS = 8
+"""Of how many bytes of a row the pixels before them are counted together [bytes]. It changes the
+speed only."""
+
+_BITS_OF = np.bitwise_count(np.arange(256)).astype(np.int64)
+"""How many bits of a byte are set."""
+
+_ALL = 255
+"""Eight pixels of a silhouette."""
 
 
 def take_pixels(packed: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -26,21 +36,26 @@ def take_pixels(packed: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[
     return pixels
 
 
-def place_pixels(
-    packed: NDArray[np.uint8], pixels: NDArray[np.uint8], images: NDArray[np.uint8]
-) -> None:
-    """Write the pixels of silhouettes where they were filmed.
+def number_pixels(packed: NDArray[np.uint8], pixel: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the numbers of pixels among those that `take_pixels` returned of all cameras.
 
     Parameters
     ----------
     packed : (camera, row, column / 8) uint8
         The silhouettes.
-    pixels : (pixel, 3) uint8
-        As `take_pixels` returned them of one camera after another.
-    images : (camera, row, column, 3) uint8
-        Changed in place, inside the silhouettes.
+    pixel : (camera, voxel, 2) int32
+        Row and column of pixels inside them; a row of -1 where there is none.
+
+    Returns
+    -------
+    (camera, voxel) int32
+        -1 where there is none.
     """
-    _place(packed, pixels, images)
+    cameras, rows, eights = packed.shape
+    before = np.empty((cameras, rows, -(-eights // _EIGHTS)), np.int32)
+    number = np.empty(pixel.shape[:2], np.int32)
+    _number(packed, pixel, before, number)
+    return number
 
 
 @njit(cache=True, nogil=True)
@@ -51,6 +66,12 @@ def _take(packed: Any, image: Any, pixels: Any) -> None:
             bits = packed[row, byte]
             if bits == 0:
                 continue
+            if bits == _ALL:
+                for bit in range(8):
+                    for k in range(3):
+                        pixels[n + bit, k] = image[row, 8 * byte + bit, k]
+                n += 8
+                continue
             for bit in range(8):
                 if bits >> (7 - bit) & 1:
                     for k in range(3):
@@ -59,16 +80,23 @@ def _take(packed: Any, image: Any, pixels: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _place(packed: Any, pixels: Any, images: Any) -> None:
-    n = 0
+def _number(packed: Any, pixel: Any, before: Any, number: Any) -> None:
+    """Count the pixels before each part of a row, and on from there to those that are asked for."""
+    count = 0
     for c in range(packed.shape[0]):
         for row in range(packed.shape[1]):
             for byte in range(packed.shape[2]):
-                bits = packed[c, row, byte]
-                if bits == 0:
-                    continue
-                for bit in range(8):
-                    if bits >> (7 - bit) & 1:
-                        for k in range(3):
-                            images[c, row, 8 * byte + bit, k] = pixels[n, k]
-                        n += 1
+                if byte % _EIGHTS == 0:
+                    before[c, row, byte // _EIGHTS] = count
+                if packed[c, row, byte]:
+                    count += _BITS_OF[packed[c, row, byte]]
+    for c in range(pixel.shape[0]):
+        for n in range(pixel.shape[1]):
+            row, column = pixel[c, n, 0], pixel[c, n, 1]
+            number[c, n] = -1
+            if row >= 0:
+                part, last = column // 8 // _EIGHTS, column // 8
+                found = before[c, row, part]
+                for byte in range(part * _EIGHTS, last):
+                    found += _BITS_OF[packed[c, row, byte]]
+                number[c, n] = found + _BITS_OF[packed[c, row, last] >> (8 - column % 8)]

@@ -91,39 +91,55 @@ def _look_at(camera: Any, shape: Any) -> Any:
     not before the crop), and how many there are in both directions. And how deep the crop goes.
     """
     axes = np.zeros((3, 3))
-    axes[2] = (shape - 1.0) / 2.0 - camera
-    axes[2] /= max(np.sqrt((axes[2] ** 2).sum()), _NOT_ZERO)
-    axes[0, np.argmin(np.abs(axes[2]))] = 1.0
-    axes[0] = _across(axes[2], axes[0])
-    axes[0] /= np.sqrt((axes[0] ** 2).sum())
-    axes[1] = _across(axes[2], axes[0])
-    low, high, nearest, deepest = np.full(2, np.inf), np.full(2, -np.inf), np.inf, 0.0
+    for k in range(3):
+        axes[2, k] = (shape[k] - 1.0) / 2.0 - camera[k]
+    _shorten(axes[2])
+    least = 0
+    for k in range(1, 3):
+        if abs(axes[2, k]) < abs(axes[2, least]):
+            least = k
+    away = np.zeros(3)
+    away[least] = 1.0
+    _put_across(axes[2], away, axes[0])
+    _shorten(axes[0])
+    _put_across(axes[2], axes[0], axes[1])
+    nearest, deepest, wide = np.inf, 0.0, -np.inf  # wide: the slope at which a voxel covers most
+    low, high = np.empty(2), np.empty(2)
+    low[0] = low[1] = np.inf
+    high[0] = high[1] = -np.inf
     for corner in range(8):
         seen = np.zeros(3)
         for k in range(3):
             side = shape[k] - 0.5 if corner >> k & 1 else -0.5
-            seen += axes[:, k] * (side - camera[k])
+            for a in range(3):
+                seen[a] += axes[a, k] * (side - camera[k])
         nearest, deepest = min(nearest, seen[2]), max(deepest, seen[2])
         for k in range(2):
             slope = seen[k] / max(seen[2], _NEAREST)
             low[k], high[k] = min(low[k], slope), max(high[k], slope)
+            wide = max(wide, -slope, slope)
     if nearest < _NEAREST:
         return axes, (0.0, 0.0, 0.0, 0, 0), deepest
-    wide = max(-low.min(), high.max())  # the slope at which a voxel covers most
     fine = (nearest - _RADIUS) / (_COARSER * _RADIUS * np.sqrt(1.0 + wide**2))
-    first, last = low * fine - _MARGIN, high * fine + _MARGIN
-    cells = (first[0], first[1], fine, int(last[0] - first[0]), int(last[1] - first[1]))
-    return axes, cells, deepest
+    left, top = low[0] * fine - _MARGIN, low[1] * fine - _MARGIN
+    right, bottom = high[0] * fine + _MARGIN, high[1] * fine + _MARGIN
+    return axes, (left, top, fine, int(right - left), int(bottom - top)), deepest
 
 
 @njit(cache=True, nogil=True)
-def _across(one: Any, other: Any) -> Any:
-    """Return (3,) what is at right angles to two vectors, as numpy's cross, which compiles long."""
-    across = np.empty(3)
+def _shorten(vector: Any) -> None:
+    """Make the length of a vector (3,) 1."""
+    length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    for k in range(3):
+        vector[k] /= max(length, _NOT_ZERO)
+
+
+@njit(cache=True, nogil=True)
+def _put_across(one: Any, other: Any, across: Any) -> None:
+    """Write (3,) what is at right angles to two vectors, as numpy's cross, which compiles long."""
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         across[k] = one[i] * other[j] - one[j] * other[i]
-    return across
 
 
 @njit(cache=True, nogil=True)

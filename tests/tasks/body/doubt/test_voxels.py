@@ -42,6 +42,7 @@ def test_the_sums_are_those_of_whole_arrays(body):
         assert found.beside[k] == pytest.approx(beside / (colored[:, k].sum() + 3))
     apart = np.linalg.norm(inside[:, None] - points, axis=2).min(axis=1)
     np.testing.assert_allclose(found.outside, apart)
+    np.testing.assert_array_equal(found.bone, np.where(least < OWN, nearest, -1))
     assert (found.own > 0).all()
     assert found.far.sum() > 0.1
     assert found.beside.max() > 0.2

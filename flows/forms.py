@@ -121,14 +121,17 @@ def ingest(
     """
     served = _begin()
     options: dict[str, Any] = {"again": again, "importing": _import_settings(reading)}
-    with ExitStack() as copies:
-        found, faults = _find(served, paths, copies)
-        stamps = {each: stamp_of(*place) for each, place in found.items() if place}
-        outcomes, said = ingest_here(served.archive, [*found], **options) if found else ({}, "")
-        for path, outcome in outcomes.items():
-            place = found.get(Path(path))
-            if place and outcome.status == "refused" and reading == Reading():
-                _move_away(*place, stamps[Path(path)], outcome.reason)
+    try:
+        with ExitStack() as copies:
+            found, faults = _find(served, paths, copies)
+            stamps = {each: stamp_of(*place) for each, place in found.items() if place}
+            outcomes, said = ingest_here(served.archive, [*found], **options) if found else ({}, "")
+            for path, outcome in outcomes.items():
+                place = found.get(Path(path))
+                if place and outcome.status == "refused" and reading == Reading():
+                    _move_away(*place, stamps[Path(path)], outcome.reason)
+    except (InputError, ArchiveError, OSError) as error:
+        return Failed(message=str(error))
     if found and not outcomes:
         return Failed(message=said)
     counts = Counter(outcome.status for outcome in outcomes.values())

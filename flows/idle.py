@@ -1,5 +1,6 @@
 """What nobody looks at any more leaves the server: scans that found nothing, and old stages."""
 
+import re
 import time
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -20,12 +21,16 @@ from prefect.client.schemas.sorting import FlowRunSort
 from prefect.events import emit_event
 from prefect.runtime import deployment, flow_run
 
-from flows.inbox import NOTHING_NEW
+from flows.inbox import KNOWN, NOTHING_NEW, STARTED, WAITING
 from flows.served import ENDED, POOL
 
-_APART_S = 1.0  # between a beat and the end: what comes together the server takes in any order
+_APART_S = 3.0
+"""Between a beat and the end [s]. What comes together the server takes in any order, and then tries
+to crash a run that is over: with 1 s, on a busy machine, two of three."""
 _IDLE_KEPT_H = 1  # how long scans that found nothing are shown; 1440 a day would hide the others
 _IDLE_FORGOTTEN = 10  # at most so many in one scan: it should be over soon
+_IDLE = re.compile(rf"{NOTHING_NEW}|\d+ ({WAITING}|{STARTED}|{KNOWN})")
+"""What is said by a scan that nobody has to know of: what it started has runs of its own."""
 _STAGES_KEPT_H = 24
 """How long the stages of what went well are shown: they are most of what a take leaves in the
 database, 4 kB each, and the page of the take says how long each took."""
@@ -75,10 +80,11 @@ def _own_tags() -> list[str]:
 
 
 def is_idle(state: State[Any]) -> bool:
-    """Say whether a scan with this state found nothing, or was not begun beside another."""
+    """Say whether a scan with this state took nothing in itself, or was not even begun."""
     if state.is_cancelled():
         return True
-    return state.is_completed() and {*(state.message or "").split("; ")} == {NOTHING_NEW}
+    said = re.split("[;,] ", state.message or "")
+    return state.is_completed() and all(_IDLE.fullmatch(each) for each in said)
 
 
 def tell_end() -> None:

@@ -33,6 +33,10 @@ logger = logging.getLogger(__name__)
 
 NOTHING_NEW = "nothing new"
 """What a scan says that found nothing."""
+WAITING = "waiting until nobody writes to them"
+STARTED = "being taken in"
+KNOWN = "already in the archive"
+"""What a scan says of recordings that it need not take in itself."""
 _SHOWN = 3
 """How many faults a sentence names."""
 
@@ -149,11 +153,11 @@ def state_of(counts: Counter[str], faults: Sequence[str], *, waiting: int = 0) -
         return Failed(name=name, message=message)
     words = {
         "ingested": "taken in",
-        "unchanged": "already in the archive",
-        "started": "being taken in",
+        "unchanged": KNOWN,
+        "started": STARTED,
     }
     said = [f"{counts[status]} {word}" for status, word in words.items() if counts[status]]
-    said += [f"{waiting} waiting until nobody writes to them"] if waiting else []
+    said += [f"{waiting} {WAITING}"] if waiting else []
     return Completed(message=", ".join(said) or NOTHING_NEW)
 
 

@@ -39,7 +39,8 @@ SOON_OLD = (
     "flow-run.heartbeat", "flow-run.Scheduled", "flow-run.Late", "flow-run.Pending",
     "flow-run.Submitting", "flow-run.Running", "flow-run.Completed", "task-run.Pending",
     "task-run.Running", "task-run.Completed", "task-run.Cached", "worker.submitted-flow-run",
-    "worker.executed-flow-run", "artifact.created", "artifact.updated",
+    "worker.executed-flow-run", "artifact.created", "artifact.updated", "automation.triggered",
+    "automation.action.triggered", "automation.action.executed", "automation.action.failed",
 )  # fmt: skip
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
 

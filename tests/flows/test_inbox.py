@@ -484,7 +484,7 @@ def test_scans_that_found_nothing_are_forgotten_and_the_others_are_not(monkeypat
     from flows import forms, idle
 
     states = [
-        Completed(message="nothing new; nothing new"),
+        Completed(message="nothing new; 3 being taken in, 1 waiting until nobody writes to them"),
         Cancelled(message="Deployment concurrency limit reached."),
         Completed(message="nothing new; 1 taken in"),
         Failed(message="the disk is away"),
@@ -630,7 +630,7 @@ def test_a_slow_store_is_waited_for_and_one_that_stalls_is_said_and_tried_again(
         way.late_s = 0.0
         monkeypatch.setenv("AWS_TIMEOUT", "0.3s")  # a stall of it stands for one of a minute
         monkeypatch.setitem(places._RETRY, "max_retries", 1)
-        for number, answers in enumerate((0, 8, 35, 50), start=1):
+        for number, answers in enumerate((8, 35), start=1):
             put(number)
             way.answers = answers
             state = scan()
@@ -643,6 +643,6 @@ def test_a_slow_store_is_waited_for_and_one_that_stalls_is_said_and_tried_again(
     monkeypatch.setenv("AWS_ENDPOINT_URL", object_store_server[0])
     archive = open_archive(where[0])
     assert [(each.take, each.number) for each in archive.records()] == [
-        (f"walk{number}", 1) for number in range(5)
+        (f"walk{number}", 1) for number in range(3)
     ]
     assert [fault for take in archive.takes() for fault in verify_take(archive.place, take)] == []

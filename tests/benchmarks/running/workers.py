@@ -16,11 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.error
 import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -37,9 +39,10 @@ from tests.benchmarks.running.overhead import ROOT, used_by
 from tests.benchmarks.running.soak import HANGING_S, free_port, say
 from tests.conftest import swaying_body
 
-CAPTURES = ("plain", "kimono", "martial")
+CAPTURES = ("plain", "kimono", "martial", "lunge")
 FRAMES = 60
 """How much of each capture is digitized. Chosen: half a minute of work each on one processor."""
+FILES = 400
 EVERY_S, SETTLE_S = 20.0, 2.0
 LOOK_S = 0.2
 
@@ -48,7 +51,7 @@ def main() -> None:
     """Measure with one worker, then with two, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kind", choices=("files", "captures"))
-    parser.add_argument("--count", type=int, default=400, help="motion files, of --frames each")
+    parser.add_argument("--count", type=int, help="400 motion files of --frames, or 4 captures")
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--limit", type=int, default=1, help="runs at once, of each worker")
     parser.add_argument("--shared", action="store_true", help="workers share all processors")
@@ -67,11 +70,11 @@ def make_recordings(folder: Path, options: argparse.Namespace) -> Path:
     """Make what is taken in, and return the folder."""
     folder.mkdir()
     if options.kind == "files":
-        for number in range(options.count):
+        for number in range(options.count or FILES):
             body = swaying_body(number, options.frames)
             write_trc(folder / f"walk{number:04}.trc", body, JOINTS, 30.0)
         return folder
-    for name in CAPTURES:
+    for name in CAPTURES[: options.count]:
         shorten(data_folder() / "captures" / name, folder / name)
     return folder
 
@@ -247,9 +250,15 @@ def ask(url: str, path: str, body: Any = None) -> Any:
     if body is not None:
         request.data = json.dumps(body).encode()
         request.add_header("content-type", "application/json")
-    with urllib.request.urlopen(request, timeout=60.0) as answer:
-        said = answer.read()
-        return json.loads(said) if said else None
+    while True:
+        try:
+            with urllib.request.urlopen(request, timeout=60.0) as answer:
+                said = answer.read()
+            return json.loads(said) if said else None
+        except urllib.error.HTTPError as error:
+            if error.code != HTTPStatus.SERVICE_UNAVAILABLE:  # a busy server is to be asked again
+                raise
+        time.sleep(LOOK_S)
 
 
 def wait(is_so: Callable[[], Any], otherwise: str) -> None:

@@ -27,7 +27,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from flows.processes import served_processes
 from storage import open_archive
 from storage.formats.capture.capture import read_capture
 from storage.formats.motion.trc import write_trc
@@ -35,7 +34,7 @@ from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from storage.schema import JOINTS
 from tests.benchmarks.recordings import data_folder
-from tests.benchmarks.running.overhead import ROOT, used_by
+from tests.benchmarks.running.overhead import ROOT
 from tests.benchmarks.running.soak import HANGING_S, free_port, say
 from tests.conftest import swaying_body
 
@@ -99,18 +98,12 @@ def take_in(folder: Path, recordings: Path, workers: int, options: argparse.Name
     shutil.copytree(recordings, inbox / ".copied")  # a name with a dot is left alone
     wanted = {path.stem for path in recordings.iterdir()}
     with serving(folder, workers=workers, limit=options.limit, shared=options.shared) as url:
-        pids = {each.number: each for each in served_processes() if is_of(folder, each)}
-        before = {number: used_by(number) for number in pids if is_first(pids, number)}
         begin = time.monotonic()
         for path in sorted((inbox / ".copied").iterdir()):
             path.rename(inbox / path.name)
         wait(lambda: wanted <= set(open_archive(archive).takes()), "not all is taken in")
         took = time.monotonic() - begin
         wait(lambda: not running(url), "a run does not end")
-        there = {
-            number: each for number, each in before.items() if Path(f"/proc/{number}").exists()
-        }
-        spent = sum(used_by(number) - each for number, each in there.items())
         runs = runs_by_worker(url)
         took = length_of_runs(url) or took
     if (inbox / "quarantine").exists():
@@ -121,8 +114,7 @@ def take_in(folder: Path, recordings: Path, workers: int, options: argparse.Name
     )
     say(
         f"{workers} worker{'s' * (workers > 1)}: {len(wanted)} {options.kind} in {took:.1f} s, "
-        f"{len(wanted) / took * 60:.1f} a minute; {spent:.1f} s of processor time in servers and "
-        f"workers alone; {shares}"
+        f"{len(wanted) / took * 60:.1f} a minute; {shares}"
     )
     if len([own for own in runs.values() if own]) < workers:
         raise SystemExit("a worker took no run")

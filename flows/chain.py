@@ -19,7 +19,7 @@ from tasks.body.joint_tracks import track_take
 from tasks.body.pose_fitting import fit_take
 from tasks.body.provisional_labeling import label_block_provisionally
 from tasks.capture.films import block_ranges
-from tasks.checks.agreement import check_take
+from tasks.checks.take_silhouettes import check_take
 from tasks.checks.telling import told_by
 from tasks.engine.progress import listening
 from tasks.reconstruction.carving import carve_block

@@ -15,6 +15,7 @@ from storage.formats.calibration.board_footage import (
 from storage.formats.calibration.toml import write_calibration
 from storage.formats.pictures.pictures import write_png
 from tasks.calibration.boards import Board
+from tasks.calibration.feet import stand_on_floor, walkers_of
 from tasks.calibration.finding import Source, find_views, plan_moments, sample_pictures
 from tasks.calibration.judging import wrong_size
 from tasks.calibration.recognition import recognize_board
@@ -95,6 +96,7 @@ def calibrate_folder(
         There is no such camera or frame as `floor` says.
     """
     footage, notes = find_board_footage(folder)
+    walkers, more_notes = walkers_of(folder, [each.name for each in footage])
     plan, labels, on_floor = plan_moments(footage, floor)
     board = _recognized(footage, plan, square_m, charuco=charuco, size=size)
     with within(0.0, 0.7):
@@ -106,14 +108,24 @@ def calibrate_folder(
         and not any(view.moment == on_floor for seen in sightings for view in seen.views)
         else ""
     )
-    with within(0.7, 1.0):
+    with within(0.7, 0.9 if walkers else 1.0):
         found = calibrate_views(
             [each.name for each in footage], sightings, board,
             on_floor=None if unseen else on_floor,
             aspects=[1 / each.video.pixel_aspect if each.video else 1.0 for each in footage],
         )  # fmt: skip
     faults = found.faults + [unseen] * bool(unseen)
-    return replace(found, faults=faults, notes=notes + found.notes)
+    notes += more_notes + found.notes
+    if found.guessed and walkers and not faults:
+        with within(0.9, 1.0):
+            try:
+                cameras, said = stand_on_floor(found.cameras, walkers)
+                return replace(found, cameras=cameras, notes=[*notes, said])
+            except InputError as error:
+                faults.append(str(error))
+    elif found.guessed:
+        notes.append(found.guessed)
+    return replace(found, faults=faults, notes=notes)
 
 
 def write_results(folder: Path, found: Calibrated) -> None:

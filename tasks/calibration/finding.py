@@ -129,6 +129,25 @@ def find_views(
     return [each for each in found if isinstance(each, Sighting)]
 
 
+def pictures_of(
+    footage: BoardFootage, sources: Sequence[Source]
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield moment and RGB picture of each source, a film read through once.
+
+    Raises
+    ------
+    InputError
+        A film or a picture cannot be read.
+    """
+    frames = {source: moment for moment, source in sources if isinstance(source, int)}
+    if footage.video is not None:
+        for number, frame in read_frames_at(footage.video, sorted(frames)):
+            yield frames[number], frame
+    for moment, source in sources:
+        if not isinstance(source, int):
+            yield moment, _picture(footage, source)
+
+
 def _look(
     camera: int, footage: BoardFootage, sources: Sequence[Source], board: Board
 ) -> Sighting | str:

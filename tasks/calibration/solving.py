@@ -71,6 +71,8 @@ class Calibrated:
     notes: list[str] = field(default_factory=list)
     pictures: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
     """What of each camera's image was covered, by its name."""
+    guessed: str = ""
+    """How the floor was guessed, where no board lay on it."""
 
 
 def calibrate_views(
@@ -130,7 +132,7 @@ def calibrate_views(
             f"{len(called) - len(used)} of {len(called)} views do not fit the others (blurred, not "
             "of one moment, or taken for the board): left out."
         )
-    rig = _in_world(adjusted.rig, board, on_floor, notes)
+    rig, guessed = _in_world(adjusted.rig, board, on_floor)
     results, off = _results(names, rig, adjusted, used, board, sizes)
     rms = [each.rms_px for each in results]
     faults += result_faults(adjusted, used, names, rms, sizes, board)
@@ -140,7 +142,7 @@ def calibrate_views(
     ]
     notes += _folding(cameras)
     pictures = _pictures(names, sightings, _by_camera(used, len(names)), off)
-    return Calibrated(board, [] if faults else cameras, results, faults, notes, pictures)
+    return Calibrated(board, [] if faults else cameras, results, faults, notes, pictures, guessed)
 
 
 def _sighting_faults(
@@ -172,18 +174,18 @@ def _adjust(
         rig, views = adjusted.rig, kept
 
 
-def _in_world(rig: Rig, board: Board, on_floor: int | None, notes: list[str]) -> Rig:
-    """Return the rig with y up, and note what was guessed."""
+def _in_world(rig: Rig, board: Board, on_floor: int | None) -> tuple[Rig, str]:
+    """Return the rig with y up, and how that was guessed where no board lies on the floor."""
     if on_floor is not None:
-        return floor_on(rig, board, on_floor)
+        return floor_on(rig, board, on_floor), ""
     rig, leaning = floor_guessed(rig, board)
-    notes.append(
+    return rig, (
         "Nothing says where the floor is and which way is up: y was taken as the cameras stand "
         f"upright (they disagree by up to {np.degrees(leaning):.1f} degrees), and the floor at the "
         "lowest corner of the board. Lay the board on the floor and say --floor-frame "
-        "CAMERA:FRAME, or put a picture of it a camera into the folder `floor`."
+        "CAMERA:FRAME, put a picture of it a camera into the folder `floor`, or films of somebody "
+        "who walks about into the folder `feet`."
     )
-    return rig
 
 
 def _results(

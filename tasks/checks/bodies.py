@@ -1,4 +1,4 @@
-"""Whether what silhouettes carve can be one performer: large enough, and not two."""
+"""Whether what silhouettes carve can be one performer: large enough, not two, and nothing held."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,11 @@ from numpy.typing import NDArray
 
 from tasks.checks.bounds import parts_of
 from tasks.checks.telling import By
+from tasks.engine.threads import side_by_side
+from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid, decode_runs, encode_runs, take_frame
+from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
+from tasks.reconstruction.regions.held import find_held
 from tasks.reconstruction.still_things import describe_still_things, find_still_things
 
 _LEAST_M3 = 0.006
@@ -25,6 +29,9 @@ _STAYS_IN = 6
 """In how many frames at least it is asked what stays in its place [frames]. Eight are looked at."""
 _OF_FRAMES = 0.5
 """In how many of the frames looked at two are seen where there are two [share]."""
+_HELD_IN = 2
+"""In how many frames at least something is surely held, where it is [frames]. In one of eight it
+may be a sleeve that is seen badly; a digitization asks for three of sixteen."""
 _SEVERAL = 2
 """In how many frames two are seen where another goes by [frames]. In one they may be two halves."""
 
@@ -80,6 +87,34 @@ def judge_bodies(
                 "touch, the pose may be of both: make the volume smaller, or bring masks of one."
             )
     return faults, notes
+
+
+def held_notes(
+    silhouettes: NDArray[np.bool_], projection: Projection, grid: VoxelGrid
+) -> tuple[str, ...]:
+    """Say whether something is held that a body's hull shows apart.
+
+    Parameters
+    ----------
+    silhouettes : (time, camera, row, column) bool
+        Of some frames all over the take.
+    projection
+        The cameras.
+    grid
+        Of the capture's volume.
+    """
+
+    def is_clear(each: NDArray[np.bool_]) -> bool:
+        hull = carve_visual_hull(each, projection, grid, CarvingSettings())
+        return len(hull.start) > 0 and find_held(hull, grid).is_clear
+
+    often = sum(side_by_side(is_clear, silhouettes))
+    if often < _HELD_IN:
+        return ()
+    return (
+        f"Something is held that is no part of a body, long and thin, or flat: it is seen in "
+        f"{often} of {len(silhouettes)} frames. It is left out of the pose, and gets the label 0.",
+    )
 
 
 def _without_still_things(

@@ -15,6 +15,7 @@ from storage.formats.capture.capture import Capture, read_capture
 from tasks.capture.films import grid_of, projection_of
 from tasks.capture.tangency import Outline
 from tasks.checks.agreement import Agreement, AgreementSettings, check_agreement
+from tasks.checks.bodies import held_notes
 from tasks.checks.compared import Compared, prepare_seeing, see_silhouettes
 from tasks.checks.offsets import Beginnings, judge_beginnings, timing_of
 from tasks.checks.pictures import draw_capture_checks, draw_silhouette
@@ -179,6 +180,8 @@ def examine_capture(
     pixels, kept = seen.silhouettes.sum(axis=(2, 3)), silhouettes.holes == "keep"
     notes = (*notes, *filled_notes(seen.filled, pixels, names, kept=kept))
     found = replace(found, faults=all_faults(seen.telling, wrong, found.faults))
+    if not found.faults:
+        notes = (*notes, *held_notes(seen.silhouettes, projection, grid_of(capture)))
     pictures, refined, unwritten = (), None, ""
     try:
         pictures = _draw(capture, watched.frames, seen, into)

@@ -84,6 +84,10 @@ _PERFORMER_M3 = 0.006
 """How large a piece is at least that may be the performer [m³]. As for `doctor`."""
 
 
+HullOf = Callable[[int], VoxelRuns]
+"""Gives the hull of a frame, a single frame."""
+
+
 def find_still_things(hulls: Sequence[VoxelRuns], grid: VoxelGrid) -> VoxelRuns:
     """Return the voxels of what stands still beside a performer, as runs of one frame.
 
@@ -163,7 +167,7 @@ def describe_still_things(things: VoxelRuns, grid: VoxelGrid) -> tuple[str, ...]
 
 
 def find_held_things(
-    hull_of: Callable[[int], VoxelRuns], frames: int, grid: VoxelGrid
+    hull_of: HullOf, frames: int, grid: VoxelGrid
 ) -> tuple[VoxelRuns | None, NDArray[np.bool_], tuple[str, ...]]:
     """Return the voxels of what is held in each frame, and a sentence; None where nothing is.
 
@@ -201,6 +205,18 @@ def find_held_things(
     )  # fmt: skip
 
 
+def _without(
+    hull_of: HullOf, is_out: Callable[[NDArray[np.integer], int], NDArray[np.bool_]]
+) -> HullOf:
+    """Return what gives hulls without those voxels, by number and frame, that are out."""
+
+    def rest(frame: int) -> VoxelRuns:
+        hull = hull_of(frame)
+        return leave_out(hull, ~is_out(voxel_numbers(hull), frame))
+
+    return rest
+
+
 def find_still_take(
     archive: str, capture: str, digest: str, hulls: Sequence[Block], into: str
 ) -> Written:
@@ -229,39 +245,25 @@ def find_still_take(
     things = find_still_things([frames.hull(frame) for frame in some], grid)
     arrays = {"start": things.start, "length": things.length}
     notes = describe_still_things(things, grid)
-    still = decode_runs(things, 0).ravel() if len(things.start) else None
-
-    def without_still(frame: int) -> VoxelRuns:
-        hull = frames.hull(frame)
-        return hull if still is None else leave_out(hull, ~still[voxel_numbers(hull)])
-
+    rest: HullOf = frames.hull
+    still = decode_runs(things, 0)
+    if len(things.start):
+        rest = _without(rest, lambda number, _: still.ravel()[number])
     given = read_initial(source.initial) if source.initial else None
     at = None if given is None or (given.frame or 0) >= count else (given.frame or 0)
     others, said = find_others(
-        without_still, count, grid, some[::_EVERY_LOOKED_AT],
+        rest, count, grid, some[::_EVERY_LOOKED_AT],
         None if given is None or at is None else (at, given.position),
     )  # fmt: skip
     notes = (*notes, *said)
     two = others is None and len(said) > 0
-
-    def without_others(frame: int) -> VoxelRuns:
-        hull = without_still(frame)
-        return (
-            hull if others is None else leave_out(hull, ~are_of(voxel_numbers(hull), others, frame))
-        )
-
-    near: NDArray[np.bool_] | None = None
-    if still is not None:  # the rim of what stands flickers, and is no rod
-        around: Any = ndimage.binary_dilation(
-            still.reshape(grid.shape), iterations=max(1, round(_RIM_M / grid.voxel_m))
-        )
-        near = around.ravel()
-
-    def without_rims(frame: int) -> VoxelRuns:
-        hull = without_others(frame)
-        return hull if near is None else leave_out(hull, ~near[voxel_numbers(hull)])
-
-    held, hidden, said = find_held_things(without_rims, count, grid)
+    if others is not None:
+        rest = _without(rest, lambda number, frame: are_of(number, others, frame))
+    if len(things.start):  # the rim of what stands flickers, and is no rod
+        steps = max(1, round(_RIM_M / grid.voxel_m))
+        near: Any = ndimage.binary_dilation(still, iterations=steps)
+        rest = _without(rest, lambda number, _: near.ravel()[number])
+    held, hidden, said = find_held_things(rest, count, grid)
     arrays["unexplained"] = hidden | two
     moving = [each for each in (others, held) if each is not None]
     if moving:

@@ -11,6 +11,9 @@ from storage.formats.calibration.reading import read_calibration
 from storage.formats.pictures.pictures import write_png
 from tasks.calibration.boards import Board
 from tasks.calibration.judging import why_unseen
+from tasks.studio.dancing.choreography import walk
+from tasks.studio.filming import FilmSettings, film_capture
+from tasks.studio.performances import Performer, generate_performance
 from tests.figures.board_pictures import board_poses, film_board, lying, ring
 from tests.figures.films import write_film
 from tests.tasks.calibration.test_solving import errors
@@ -87,6 +90,34 @@ def test_pictures_become_a_calibration(tmp_path, capsys, cameras, checkers):
         assert picture.shape[1] >= 640
     # what there is to film again
     assert "note: Camera 'cam1' has" in out
+
+
+@pytest.mark.slow
+def test_feet_tell_the_floor(tmp_path, capsys):
+    """Pictures without the floor, and a child who walks about before the cameras."""
+    cameras = ring(4, size=(400, 300), focal=290, radius=2.6, height=1.1, spread=0.8)
+    ways = [walk(4, turn=1.5), walk(4, turn=2.0), walk(4, turn=2.0)]
+    child = generate_performance(ways, Performer("child", 1.0), rate_hz=4.0, place_m=(-0.3, -0.3))
+    film_capture(tmp_path / "walk", child.position, 4.0, cameras=cameras, settings=FilmSettings())
+    boards = filmed(CHECKERS, cameras, poses_of(CHECKERS))
+    folder = write_pictures(tmp_path / "boards", boards)
+    for camera in cameras:
+        (folder / camera.name / "floor.png").unlink()
+    (tmp_path / "walk" / "videos").rename(folder / "feet")
+    code, out, err = calibrate(capsys, folder, "--square-m", 0.13)
+    assert (code, err) == (0, ""), out
+    assert "note: The floor is where somebody walked in" in out
+    assert "Nothing says where the floor is" not in out
+    found, _ = read_calibration(folder / "calibration.toml")
+    for mine, true in zip(found, cameras, strict=True):
+        up_off = mine.rotation[:, 1] @ true.rotation[:, 1]
+        assert np.degrees(np.arccos(min(up_off, 1.0))) < 1.5
+        assert mine.center_m[1] == pytest.approx(true.center_m[1], abs=0.06)
+
+    (folder / "feet" / "cam1.mp4").rename(folder / "feet" / "cam9.mp4")
+    code, out, err = calibrate(capsys, folder, "--square-m", 0.13, "--force")
+    assert (code, out) == (3, "")
+    assert "feet holds films of 'cam9', and the cameras are 'cam1', 'cam2', 'cam3', 'cam4'" in err
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
     FOLDER/<camera>.mp4, or FOLDER/<camera>/<picture>.png       moments of a board that is moved
     FOLDER/floor/<camera>.png or .mp4, or a picture `floor`     the board lying on the floor
+    FOLDER/feet/<camera>.mp4, or FOLDER/feet/<camera>/...       somebody who walks about
     FOLDER/capture.toml                                         optional: offsets of films
 
 Films that were started together show one moment at one time; pictures show one where they have
@@ -32,6 +33,8 @@ from storage.formats.toml_text import read_toml
 
 FLOOR = "floor"
 """The name of the moment in which the board lies on the floor."""
+FEET = "feet"
+"""The folder of the films, or pictures, of somebody who walks about."""
 COVERAGE = "coverage"
 """The folder that pictures of what was covered are written into."""
 _WANTED = (
@@ -70,7 +73,7 @@ def find_board_footage(folder: Path) -> tuple[list[BoardFootage], list[str]]:
     notes: list[str] = []
     found: dict[str, list[BoardFootage]] = {}
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.name in (FLOOR, COVERAGE):
+        if path.name.startswith(".") or path.name in (FLOOR, FEET, COVERAGE):
             continue
         footage = _footage_of(path, faults, notes)
         if footage is not None:

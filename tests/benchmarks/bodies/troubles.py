@@ -27,8 +27,9 @@ from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
 from tasks.body.labels.provisional import ProvisionalSettings
-from tasks.checks.agreement import AgreementSettings, check_take
+from tasks.checks.agreement import AgreementSettings
 from tasks.checks.examination import examine_capture
+from tasks.checks.take_silhouettes import check_take
 from tasks.reconstruction.silhouettes import SilhouetteSettings
 from tests.benchmarks.bodies.props import digitize, print_table, settings_of
 from tests.benchmarks.bodies.scenes import make_scene

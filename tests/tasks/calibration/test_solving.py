@@ -279,5 +279,5 @@ def test_without_a_floor_up_is_as_the_cameras_stand():
     assert np.diff([c.center_m[1] for c in found.cameras]) == pytest.approx(
         np.diff(heights), abs=0.03
     )
-    assert any("Nothing says where the floor is and which way is up" in n for n in found.notes)
-    assert any("--floor-frame CAMERA:FRAME" in n for n in found.notes)
+    assert "Nothing says where the floor is and which way is up" in found.guessed
+    assert "--floor-frame CAMERA:FRAME" in found.guessed

@@ -13,7 +13,8 @@ from storage.formats.calibration.toml import write_calibration
 from storage.formats.capture.capture import read_capture
 from storage.recordings import digest_capture
 from tasks.capture.films import grid_of
-from tasks.checks.agreement import AgreementSettings, check_take
+from tasks.checks.agreement import AgreementSettings
+from tasks.checks.take_silhouettes import check_take
 from tasks.geometry.voxels import VoxelRuns, decode_runs
 from tasks.reconstruction.carving import CarvingSettings, carve_block
 from tasks.reconstruction.coloring import ColoringSettings, color_block

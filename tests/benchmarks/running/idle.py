@@ -20,7 +20,7 @@ from flows.processes import served_processes
 from flows.served import ENDED
 from flows.serving import SOON_OLD
 from tests.benchmarks.running.database import remove_scans, sizes_of
-from tests.benchmarks.running.overhead import used_by
+from tests.benchmarks.running.share import own_time
 from tests.benchmarks.running.soak import say
 from tests.benchmarks.running.workers import ask, is_first, is_of, serving
 
@@ -58,14 +58,14 @@ def watch(folder: Path, url: str, minutes: float) -> None:
     schedule(url, "pause")  # else scans of the last minute would count
     REMOVED[0] += remove_scans(url)
     time.sleep(3 * KEPT_S)
-    before, used = (look(home, url), {number: used_by(number) for number in ours})
+    before, used = (look(home, url), {number: own_time(number) for number in ours})
     schedule(url, "resume")
     time.sleep(60 * minutes)
     schedule(url, "pause")
     between = look(home, url)
     for number, said in ours.items():
         kind = "server" if "server start" in said else "worker"
-        share = (used_by(number) - used[number]) / (60 * minutes)
+        share = (own_time(number) - used[number]) / (60 * minutes)
         say(f"{kind}: {share:.1%} of a processor")
     REMOVED[0] += remove_scans(url)
     time.sleep(3 * KEPT_S)

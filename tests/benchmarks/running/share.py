@@ -20,7 +20,6 @@ import psutil
 
 from flows.processes import served_processes
 from tests.benchmarks.recordings import data_folder
-from tests.benchmarks.running.overhead import used_by
 from tests.benchmarks.running.soak import say
 from tests.benchmarks.running.workers import ask, is_first, is_of, serving
 from tests.benchmarks.voxels.digitization import lengthen
@@ -69,10 +68,10 @@ def say_served(film: Path, folder: Path) -> None:
     with serving(folder, every_s=60.0, roots=[film]) as url:
         ours = {each.number: each for each in served_processes() if is_of(folder, each)}
         ours = {number: each.said for number, each in ours.items() if is_first(ours, number)}
-        begun = {number: used_by(number) for number in ours}
+        begun = {number: own_time(number) for number in ours}
         time.sleep(QUIET_S)
-        rest = {number: (used_by(number) - begun[number]) / QUIET_S for number in ours}
-        begun, since = {number: used_by(number) for number in ours}, time.monotonic()
+        rest = {number: (own_time(number) - begun[number]) / QUIET_S for number in ours}
+        begun, since = {number: own_time(number) for number in ours}, time.monotonic()
         form = ask(url, "deployments/name/digitize/digitize")
         parameters = {"parameters": {"capture": str(film)}}
         run = ask(url, f"deployments/{form['id']}/create_flow_run", parameters)
@@ -81,11 +80,17 @@ def say_served(film: Path, folder: Path) -> None:
         time.sleep(QUIET_S / 2)  # events of the end
         for number, said in ours.items():
             kind = "server" if "server start" in said else "worker"
-            spent = used_by(number) - begun[number]
+            spent = own_time(number) - begun[number]
             own = spent - rest[number] * (time.monotonic() - since)
             say(f"{kind}: {spent:.1f} s of processor time, {own:.1f} s more than at rest")
     say(f"the run: {ended['state_name']}, {ended['total_run_time']:.1f} s, {wall:.1f} s since it "
         f"was asked for; its process: {engine:.1f} s of processor time")  # fmt: skip
+
+
+def own_time(number: int) -> float:
+    """Return the processor time of a process, without that of the runs that it started [s]."""
+    times = psutil.Process(number).cpu_times()
+    return times.user + times.system
 
 
 def wait_for(url: str, run: str) -> tuple[dict[str, Any], float]:

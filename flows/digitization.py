@@ -12,15 +12,16 @@ from prefect.states import Failed
 
 from flows import chain
 from flows.dashboard import progress_teller, show_digitized
-from flows.outcomes import REFUSED
+from flows.outcomes import REFUSED, Outcome, outcome_of, refused, tell
 from flows.progress import ASSEMBLING, tell_compiled
 from flows.runners import spread_blocks
-from storage import open_archive
+from storage import create_archive, open_archive
 from storage.blocks import Block, Written, discard_blocks
 from storage.errors import ArchiveError, InputError, PlaceError
 from storage.formats.capture.capture import capture_of
+from storage.formats.capture.capture_toml import MARK
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
-from storage.recordings import Recording
+from storage.recordings import Recording, plan_takes, remember_source, take_of_content
 from tasks.cached import run_once
 from tasks.engine.compiling import compiling_beside
 from tasks.retrieval.gathering import gather_when_many
@@ -58,6 +59,39 @@ def digitize_take(
         return Failed(name=REFUSED, message=str(error), data=error)
     except (ArchiveError, PlaceError) as error:
         return Failed(message=str(error), data=error)
+
+
+def digitize_here(
+    archive: str, path: Path, settings: dict[str, Any] | None = None, *, again: bool = False
+) -> Outcome:
+    """Digitize one capture as part of the run that calls this; return what became of it.
+
+    Parameters
+    ----------
+    archive
+        A directory or s3://bucket/prefix; made if it is not there.
+    path
+        Of the capture.
+    settings, again
+        As of `make_take`.
+
+    Raises
+    ------
+    InputError
+        If there is no capture at `path`.
+    """
+    if not path.is_dir():
+        raise InputError(f"{path} is no capture; name a folder with {MARK}")
+    plan = plan_takes(create_archive(archive), [path])
+    if plan.refusals:
+        return refused(plan.refusals[0])
+    [recording] = plan.recordings
+
+    def take_in() -> tuple[dict[str, Any], bool]:
+        draft = make_take(archive, recording, settings, again=again)
+        return draft, draft["published"]
+
+    return tell(outcome_of(recording, take_in), 1, 1)
 
 
 def make_take(
@@ -99,6 +133,8 @@ def make_take(
     changed = changed_settings(chosen)
     reason, record = why_anew(opened, recording, changed)
     if record and not reason and not again:
+        if take_of_content(opened, recording.digest) is None:
+            remember_source(opened, record)  # of a run that was killed before
         return {**asdict(record), "published": False}
     if record and record.source["digest"] == recording.digest:
         logger.info("%s is digitized anew: %s", recording.take, reason or "it was asked for")

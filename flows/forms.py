@@ -7,6 +7,7 @@ stands in the forms.
 
 import logging
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -20,10 +21,10 @@ from prefect.states import Completed, Failed
 from pydantic import BaseModel, ConfigDict, Field
 
 from flows.artifacts import shown
-from flows.idle import forget_idle_scans, tell_end
+from flows.idle import forget_idle_scans, forget_stages, tell_end
 from flows.inbox import ingest_here, scan_inbox, state_of
 from flows.outcomes import REFUSED
-from flows.served import Served, read_served
+from flows.served import MOST_PATHS, Served, read_served
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
@@ -35,7 +36,7 @@ from storage.roots import check_within, is_url
 
 logger = logging.getLogger(__name__)
 
-_MOST_PATHS, _MOST_MATCHES = 100, 1000
+_MOST_MATCHES = 1000
 """How much one form may ask for. Chosen: a page."""
 _NAMED = 3  # recordings in the name of a run
 _LONGEST = 4096  # the longest path of a system
@@ -84,13 +85,12 @@ def scan() -> State[Any]:
     served = _begin()
     # as itself and not a run inside this one, of which there would be a thousand a day more
     states = [
-        scan_inbox.fn(
-            served.archive, inbox, served.settle_s, list(served.roots), captures_apart=True
-        )
+        scan_inbox.fn(served.archive, inbox, served.settle_s, list(served.roots), apart=True)
         for inbox in served.inboxes
     ]
     said = "; ".join(state.message or "" for state in states)
     shown(forget_idle_scans)
+    shown(forget_stages)
     tell_end()
     if bad := [state for state in states if not state.is_completed()]:
         return Failed(name=bad[0].name or "Failed", message=said)
@@ -105,11 +105,13 @@ def _name_of_ingestion() -> str:
 
 @flow(name="ingest", flow_run_name=_name_of_ingestion, persist_result=False)
 def ingest(
-    paths: Annotated[list[PathText], Field(min_length=1, max_length=_MOST_PATHS)],
+    paths: Annotated[list[PathText], Field(min_length=1, max_length=MOST_PATHS)],
     reading: Reading = Reading(),  # noqa: B008 - never changed, and shown as the form's defaults
     again: bool = False,  # noqa: FBT001, FBT002 - a switch of a form
 ) -> State[Any]:
     """Take motion files and captures into the archive.
+
+    What is bad in an inbox is moved to its quarantine, unless it was read in a way of its own.
 
     Args:
         paths: Motion files (C3D, TRC, BVH), captures, and folders of them; full paths, or paths
@@ -118,15 +120,24 @@ def ingest(
         again: Also make anew what the archive has already.
     """
     served = _begin()
+    options: dict[str, Any] = {"again": again, "importing": _import_settings(reading)}
     try:
-        found = find_recordings(_check_paths(served, paths))
-        options: dict[str, Any] = {"again": again, "importing": _import_settings(reading)}
-        outcomes, said = ingest_here(served.archive, found, **options)
-    except (InputError, ArchiveError) as error:
-        return _refused(error)
+        with ExitStack() as copies:
+            found, faults = _find(served, paths, copies)
+            stamps = {each: stamp_of(*place) for each, place in found.items() if place}
+            outcomes, said = ingest_here(served.archive, [*found], **options) if found else ({}, "")
+            for path, outcome in outcomes.items():
+                place = found.get(Path(path))
+                if place and outcome.status == "refused" and reading == Reading():
+                    _move_away(*place, stamps[Path(path)], outcome.reason)
+    except (InputError, ArchiveError, OSError) as error:
+        return Failed(message=str(error))
+    if found and not outcomes:
+        return Failed(message=said)
     counts = Counter(outcome.status for outcome in outcomes.values())
-    faults = [o.reason for o in outcomes.values() if o.status in ("refused", "failed")]
-    return state_of(counts, faults) if outcomes else Failed(message=said)
+    counts["refused"] += len(faults)
+    faults += [o.reason for o in outcomes.values() if o.status in ("refused", "failed")]
+    return state_of(counts, faults)
 
 
 def _name_of_digitization() -> str:
@@ -165,8 +176,8 @@ def digitize(
         stamp = stamp_of(inbox, name)
         with fetched(inbox, name) as copy:
             state = _digitize(served, copy, options)
-        if state.name == REFUSED and stamp_of(inbox, name) == stamp:
-            move_to_quarantine(inbox, name, state.message or "")
+        if state.name == REFUSED:
+            _move_away(inbox, name, stamp, state.message or "")
         return state
     except (InputError, ArchiveError) as error:
         return _refused(error)
@@ -271,42 +282,63 @@ def _begin() -> Served:
     """Return what is served, and let our modules speak in the log of the run."""
     for name in ("flows", "tasks", "storage"):
         logging.getLogger(name).setLevel(logging.INFO)
-    for name in ("prefect.flow_runs", "prefect.engine"):
+    for name in ("prefect.flow_runs", "prefect.task_runs", "prefect.engine"):
         logging.getLogger(name).addFilter(_says_more)
     return read_served()
 
 
 def _says_more(record: logging.LogRecord) -> bool:
-    """Say whether a line of the log is more than the traceback of a run that ended as failed.
+    """Say whether a line of the log is more than the end of a run, which its state shows.
 
-    Its sentence stands there already, and in its state.
+    That is the traceback of one that failed, whose sentence stands there already, and each stage
+    that went well, which says so itself.
     """
-    return not (record.exc_info and isinstance(record.exc_info[1], FailedRun))
+    if record.exc_info and isinstance(record.exc_info[1], FailedRun):
+        return False
+    return record.name != "prefect.task_runs" or record.levelno > logging.INFO
 
 
 def _digitize(served: Served, path: Path, options: dict[str, Any]) -> State[Any]:
     """Digitize one capture, and say what became of it."""
-    outcomes, fault = ingest_here(served.archive, [path], **options)
-    outcome = outcomes.get(str(path))
-    if outcome is None:
-        return Failed(message=fault or f"{path} is no capture; name a folder with capture.toml")
+    from flows.digitization import digitize_here  # numba and the stages: not for a scan
+
+    outcome = digitize_here(served.archive, path, **options)
     faults = [outcome.reason] if outcome.reason else []
     return state_of(Counter([outcome.status]), faults)
 
 
-def _check_paths(served: Served, paths: list[str]) -> list[str]:
-    """Return the full paths of what a form names; all faults at once."""
-    found, faults = [], []
-    for path in paths:
+def _find(
+    served: Served, paths: list[str], copies: ExitStack
+) -> tuple[dict[Path, tuple[Inbox, str] | None], list[str]]:
+    """Return the recordings that a form names, where they lie in an inbox, and what is not there.
+
+    What is in an object store is copied here, until `copies` is closed.
+    """
+    found: dict[Path, tuple[Inbox, str] | None] = {}
+    faults = []
+    for given in paths:
         try:
-            found.append(check_within(path, served.roots))
+            path = check_within(given, served.roots)
+            place = _inbox_of(served, path)
             if is_url(path):
-                faults.append(f"{path!r} is taken in from its inbox, by itself")
-        except InputError as error:
+                if place is None:
+                    raise InputError(f"{path!r} lies in no inbox; files are read from there")
+                found[copies.enter_context(fetched(*place))] = place
+                continue
+            for each in find_recordings([path]):
+                found.setdefault(each, _inbox_of(served, str(each)))
+        except (InputError, ArchiveError, OSError) as error:
             faults.append(str(error))
-    if faults:
-        raise InputError("; ".join(faults))
-    return found
+    return found, faults
+
+
+def _move_away(inbox: Inbox, name: str, stamp: str, reason: str) -> None:
+    """Move what is bad to quarantine, unless it was written to meanwhile, and so read half."""
+    try:
+        if stamp_of(inbox, name) == stamp:
+            move_to_quarantine(inbox, name, reason)
+    except OSError as error:
+        logger.error("%r is bad and stays, for it cannot be moved: %s", name, error)
 
 
 def _check_query(served: Served, query: str) -> str:

@@ -1,5 +1,6 @@
-"""What is left on the server of scans that found nothing: no list of runs full of them."""
+"""What nobody looks at any more leaves the server: scans that found nothing, and old stages."""
 
+import re
 import time
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -9,17 +10,31 @@ from prefect.client.schemas.filters import (
     FlowRunFilter,
     FlowRunFilterDeploymentId,
     FlowRunFilterEndTime,
+    FlowRunFilterState,
+    FlowRunFilterStateType,
+    FlowRunFilterTags,
+    TaskRunFilter,
+    TaskRunFilterSubFlowRuns,
 )
+from prefect.client.schemas.objects import StateType
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.events import emit_event
 from prefect.runtime import deployment, flow_run
 
-from flows.inbox import NOTHING_NEW
-from flows.served import ENDED
+from flows.inbox import KNOWN, NOTHING_NEW, STARTED, WAITING
+from flows.served import ENDED, POOL
 
-_APART_S = 1.0  # between a beat and the end: what comes together the server takes in any order
+_APART_S = 3.0
+"""Between a beat and the end [s]. What comes together the server takes in any order, and then tries
+to crash a run that is over: with 1 s, on a busy machine, two of three."""
 _IDLE_KEPT_H = 1  # how long scans that found nothing are shown; 1440 a day would hide the others
 _IDLE_FORGOTTEN = 10  # at most so many in one scan: it should be over soon
+_IDLE = re.compile(rf"{NOTHING_NEW}|\d+ ({WAITING}|{STARTED}|{KNOWN})")
+"""What is said by a scan that nobody has to know of: what it started has runs of its own."""
+_STAGES_KEPT_H = 24
+"""How long the stages of what went well are shown: they are most of what a take leaves in the
+database, 4 kB each, and the page of the take says how long each took."""
+_STAGES_FORGOTTEN = 20  # at most so many in one scan
 
 
 def forget_idle_scans() -> None:
@@ -38,11 +53,38 @@ def forget_idle_scans() -> None:
             client.delete_flow_run(run.id)
 
 
+def forget_stages() -> None:
+    """Remove the runs of tasks inside runs that went well, after a day.
+
+    The run itself stays, with its log and its page; of one that did not go well, all of it does.
+    """
+    before = datetime.now(UTC) - timedelta(hours=_STAGES_KEPT_H)
+    good = FlowRunFilterStateType(any_=[StateType.COMPLETED])
+    runs = FlowRunFilter(
+        tags=FlowRunFilterTags.model_validate({"all_": [*_own_tags()]}),
+        state=FlowRunFilterState.model_validate({"type": good}),
+        end_time=FlowRunFilterEndTime.model_validate({"before_": before}),
+    )
+    # what stands for a run inside a run is left, or that one would be listed beside the others
+    stages = TaskRunFilter.model_validate({"subflow_runs": TaskRunFilterSubFlowRuns(exists_=False)})
+    with get_client(sync_client=True) as client:
+        for stage in client.read_task_runs(
+            flow_run_filter=runs, task_run_filter=stages, limit=_STAGES_FORGOTTEN
+        ):
+            client.delete_task_run(stage.id)
+
+
+def _own_tags() -> list[str]:
+    """Return the tags of this run, by which those of this archive are told."""
+    return [each for each in flow_run.tags if each.startswith(f"{POOL}-")]
+
+
 def is_idle(state: State[Any]) -> bool:
-    """Say whether a scan with this state found nothing, or was not begun beside another."""
+    """Say whether a scan with this state took nothing in itself, or was not even begun."""
     if state.is_cancelled():
         return True
-    return state.is_completed() and {*(state.message or "").split("; ")} == {NOTHING_NEW}
+    said = re.split("[;,] ", state.message or "")
+    return state.is_completed() and all(_IDLE.fullmatch(each) for each in said)
 
 
 def tell_end() -> None:

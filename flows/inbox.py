@@ -8,16 +8,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from uuid import UUID
 
-from prefect import State, flow, get_client, tags
-from prefect.deployments import run_deployment
-from prefect.exceptions import ObjectNotFound
+from prefect import State, flow, tags
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
+from flows.apart import DIGITIZE, INGEST, end_of_run, run_names, split_files, start_run
 from flows.outcomes import REFUSED
-from flows.served import POOL
+from flows.served import MOST_PATHS, POOL
 from storage import Archive, create_archive
 from storage.errors import ArchiveError, InputError
 from storage.files import NotRegularError
@@ -33,12 +31,12 @@ from storage.roots import leads_to_itself, links_out
 
 logger = logging.getLogger(__name__)
 
-DIGITIZE = "digitize/digitize"
-"""The deployment that a scan starts for a capture, as flow and name."""
 NOTHING_NEW = "nothing new"
 """What a scan says that found nothing."""
-_FILES_A_RUN = 100
-"""How many motion files are taken in at once. Chosen: half a minute of work."""
+WAITING = "waiting until nobody writes to them"
+STARTED = "being taken in"
+KNOWN = "already in the archive"
+"""What a scan says of recordings that it need not take in itself."""
 _SHOWN = 3
 """How many faults a sentence names."""
 
@@ -101,7 +99,7 @@ def scan_inbox(
     settle_s: float = 60.0,
     roots: list[str] | None = None,
     *,
-    captures_apart: bool = False,
+    apart: bool = False,
 ) -> State[Any]:
     """Take what is new in an inbox and has settled into the archive; nothing is taken in twice.
 
@@ -115,9 +113,9 @@ def scan_inbox(
         How long a recording has to be unchanged before it is read.
     roots
         What links in the inbox may lead to; by default only the inbox itself.
-    captures_apart
-        Whether a capture is digitized by a run of its own, which a worker has to take, so that
-        the scan does not wait for it.
+    apart
+        Whether a capture is digitized by a run of its own, and a hundred motion files and more are
+        taken in by some, which workers have to take, so that the scan does not wait for them.
 
     Returns
     -------
@@ -131,8 +129,8 @@ def scan_inbox(
         with scanning(opened.place, box) as is_held:
             known, ready = look_now(opened.place, box, settle_s)
             scan = Scan(opened, box, [box.location, *(roots or ())], known)
-            ready += [name for name in list(known) if _has_ended(scan, name)]
-            _take_in(scan, ready, is_held, captures_apart=captures_apart)
+            ready += _follow(scan)
+            _take_in(scan, ready, is_held, apart=apart)
             scan.remember()
     except BusyError as error:
         return Completed(message=str(error))
@@ -155,53 +153,64 @@ def state_of(counts: Counter[str], faults: Sequence[str], *, waiting: int = 0) -
         return Failed(name=name, message=message)
     words = {
         "ingested": "taken in",
-        "unchanged": "already in the archive",
-        "started": "being digitized",
+        "unchanged": KNOWN,
+        "started": STARTED,
     }
     said = [f"{counts[status]} {word}" for status, word in words.items() if counts[status]]
-    said += [f"{waiting} waiting until nobody writes to them"] if waiting else []
+    said += [f"{waiting} {WAITING}"] if waiting else []
     return Completed(message=", ".join(said) or NOTHING_NEW)
 
 
 def ingest_here(
     archive: str, paths: Sequence[Path], settings: dict[str, Any] | None = None, **options: Any
 ) -> tuple[dict[str, Any], str]:
-    """Take recordings in; return their outcomes by path, and what went wrong with the run."""
+    """Take recordings in; return their outcomes by path, and what went wrong with the run.
+
+    One that is gone when the run begins, as somebody moved it, does not keep the others out.
+    """
     from flows.ingestion import ingest_archive  # numba and the stages: not for a look
 
     run: Any = ingest_archive
     ours = [each for each in flow_run.tags if each.startswith(POOL)]
-    with tags(*ours):  # a run inside a run does not inherit them
-        state = run(
-            archive, [str(p) for p in paths], settings=settings, return_state=True, **options
-        )
-    outcomes = state.result(raise_on_failure=False)
-    if isinstance(outcomes, list):
-        return {outcome.path: outcome for outcome in outcomes}, state.message or ""
-    return {}, str(outcomes or state.message)
+    while True:
+        with tags(*ours):  # a run inside a run does not inherit them
+            state = run(
+                archive, [str(p) for p in paths], settings=settings, return_state=True, **options
+            )
+        outcomes = state.result(raise_on_failure=False)
+        if isinstance(outcomes, list):
+            return {outcome.path: outcome for outcome in outcomes}, state.message or ""
+        there = [path for path in paths if path.exists()]
+        if len(there) in (0, len(paths)):
+            return {}, str(outcomes or state.message)
+        paths = there
 
 
-def _take_in(
-    scan: Scan, names: Sequence[str], is_held: Callable[[], bool], *, captures_apart: bool
-) -> None:
+def _take_in(scan: Scan, names: Sequence[str], is_held: Callable[[], bool], *, apart: bool) -> None:
     """Take recordings in: the motion files of a batch in one run, each capture in its own."""
     files: list[str] = []
     for name in names:
-        if scan.inbox.folder is None:
-            is_capture = Path(name).suffix.lower() not in MOTION_SUFFIXES
-        else:
-            is_capture = (scan.inbox.folder / name).is_dir()
         if fault := _fault_of(scan, name):
             scan.note(name, *fault)
-        elif not is_capture:
+        elif not _is_capture(scan, name):
             files.append(name)
         elif is_held():
-            _take_capture(scan, name, apart=captures_apart)
+            _take_capture(scan, name, apart=apart)
             scan.remember()
-    for first in range(0, len(files), _FILES_A_RUN):
+    if apart and len(files) > MOST_PATHS:
+        return _hand_over(scan, files, is_held)
+    for first in range(0, len(files), MOST_PATHS):
         if is_held():
-            _take_files(scan, files[first : first + _FILES_A_RUN])
+            _take_files(scan, files[first : first + MOST_PATHS])
             scan.remember()
+    return None
+
+
+def _is_capture(scan: Scan, name: str) -> bool:
+    """Say whether a recording is a capture, and no motion file."""
+    if scan.inbox.folder is None:
+        return Path(name).suffix.lower() not in MOTION_SUFFIXES
+    return (scan.inbox.folder / name).is_dir()
 
 
 def _take_files(scan: Scan, names: Sequence[str]) -> None:
@@ -224,16 +233,33 @@ def _take_files(scan: Scan, names: Sequence[str]) -> None:
             _note_outcome(scan, name, path, outcomes, fault)
 
 
+def _hand_over(scan: Scan, names: Sequence[str], is_held: Callable[[], bool]) -> None:
+    """Start the runs that take in many motion files; the archive is asked for each before."""
+    digests: dict[str, str] = {}
+    for name in names:
+        try:
+            digests[name] = digest_file(scan.inbox.folder / name) if scan.inbox.folder else ""
+            if digests[name] and _is_in(scan.archive, digests[name]):
+                scan.note(name, "unchanged")
+                del digests[name]
+        except (InputError, ArchiveError, OSError) as error:
+            scan.note(name, *_told(name, error))
+            digests.pop(name, None)
+    for batch in split_files(digests):
+        if is_held():
+            _start(scan, INGEST, batch, {"paths": [scan.inbox.place.url(name) for name in batch]})
+            scan.remember()
+
+
 def _take_capture(scan: Scan, name: str, *, apart: bool) -> None:
     """Digitize a capture that the archive does not have, or start the run that does."""
     try:
-        digest = ""
         if scan.inbox.folder is not None:
             digest = digest_capture(scan.inbox.folder / name)
             if _is_in(scan.archive, digest):
                 return scan.note(name, "unchanged")
         if apart:
-            return scan.note(name, "started", run=_start(scan, name, digest))
+            return _start(scan, DIGITIZE, [name], {"capture": scan.inbox.place.url(name)})
         with fetched(scan.inbox, name) as path:
             outcomes, fault = ingest_here(scan.archive.location, [path])
             return _note_outcome(scan, name, path, outcomes, fault)
@@ -241,43 +267,40 @@ def _take_capture(scan: Scan, name: str, *, apart: bool) -> None:
         return scan.note(name, *_told(name, error))
 
 
-def _start(scan: Scan, name: str, digest: str) -> str:
-    """Start the digitization of a capture once, however often this is called; return its run."""
-    seen = scan.known[name]
-    run: Any = run_deployment(
-        DIGITIZE,
-        parameters={"capture": scan.inbox.place.url(name)},
-        timeout=0,
-        as_subflow=False,
-        # when it was seen, too: what was moved back from quarantine unchanged is tried again
-        idempotency_key=f"{digest}-{seen.stamp}-{seen.tries}-{seen.since_s}",
-    )
-    logger.info("%r is digitized by the run %s", name, run.name)
-    return str(run.id)
+def _start(scan: Scan, deployment: str, names: Sequence[str], parameters: dict[str, Any]) -> None:
+    """Start the run that takes recordings in."""
+    run = start_run(deployment, parameters, {name: scan.known[name] for name in names})
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    logger.info("taken in by the run %s: %r%s", run, names[0], more)
+    for name in names:
+        scan.note(name, "started", run=run)
 
 
-def _has_ended(scan: Scan, name: str) -> bool:
-    """Note what became of a run that was started; say whether it is to be started again."""
+def _follow(scan: Scan) -> list[str]:
+    """Note what became of the runs that were started; return what no run takes in any more."""
+    lost: list[str] = []
+    for run, names in run_names(scan.known).items():
+        state = end_of_run(run)
+        if state is None:
+            lost += names
+        elif state.is_final():
+            for name in names:
+                _note_end(scan, name, state)
+    return lost
+
+
+def _note_end(scan: Scan, name: str, state: State[Any]) -> None:
+    """Note what became of a recording whose run ended so."""
     seen = scan.known[name]
-    if seen.state != "started":
-        return False
-    try:
-        with get_client(sync_client=True) as client:
-            state = client.read_flow_run(UUID(seen.run)).state
-    except (ObjectNotFound, ValueError):  # another server, or its database was lost
-        return True
-    if state is None or not state.is_final():
-        return False
     if state.is_completed():
         scan.known[name] = Seen(seen.stamp, "in", time.time())
         forget_reason(scan.inbox, name)
     elif state.name == REFUSED and stamp_of(scan.inbox, name) != seen.stamp:
         del scan.known[name]  # it was moved away, and is new when it is moved back
-    elif state.is_cancelled() or state.name == REFUSED:  # by a person; or it cannot be moved
-        scan.known[name] = Seen(seen.stamp, "refused", time.time())
-    else:
+    elif state.is_cancelled() or (state.name == REFUSED and _is_capture(scan, name)):
+        scan.known[name] = Seen(seen.stamp, "refused", time.time())  # by a person; or not movable
+    else:  # of many files only one may have been bad: the others are found in the archive
         scan.known[name] = Seen(seen.stamp, "failed", time.time(), seen.tries + 1)
-    return False
 
 
 def _note_outcome(scan: Scan, name: str, path: Path, outcomes: dict[str, Any], fault: str) -> None:
@@ -285,7 +308,8 @@ def _note_outcome(scan: Scan, name: str, path: Path, outcomes: dict[str, Any], f
     if outcome := outcomes.get(str(path)):
         scan.note(name, outcome.status, outcome.reason)
     elif outcomes and path.exists():  # the run passed it over: it is the same as another
-        scan.note(name, "unchanged")
+        if _is_in(scan.archive, digest_file(path)):
+            scan.note(name, "unchanged")  # else that one was bad, and this is met by the next scan
     else:
         scan.note(name, "failed", f"{name}: {fault or 'the run said nothing of it'}")
 

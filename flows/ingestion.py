@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
-from prefect import flow, get_run_logger, task
+from prefect import flow, task
 from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State
 from prefect.states import Completed, Failed
@@ -16,7 +16,16 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.dashboard import count_teller, show_ingested
 from flows.digitization import choose_settings, digitize_take, make_take
-from flows.outcomes import Outcome, broken, ended, finished, refused, say_lost, tell
+from flows.outcomes import (
+    Outcome,
+    broken,
+    ended,
+    finished,
+    outcome_of,
+    refused,
+    say_lost,
+    tell,
+)
 from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
 from storage.archive import Archive
@@ -237,7 +246,8 @@ def ingest_take(
     The state is Failed where the recording is refused, by a fault of its own, or fails, by one of
     the archive's, the machine's or the program's.
     """
-    return ended(_outcome(recording, lambda: _digitize(archive, recording, settings, again=again)))
+    take_in = functools.partial(_digitize, archive, recording, settings, again=again)
+    return ended(outcome_of(recording, take_in))
 
 
 def _name_of_files(parameters: dict[str, Any]) -> str:
@@ -260,7 +270,7 @@ def ingest_files(
     outcomes = []
     for each in recordings:
         take_in = functools.partial(_import, archive, each, importing, again=again)
-        outcomes.append(_outcome(each, take_in))
+        outcomes.append(outcome_of(each, take_in))
     lost = [each for each in outcomes if each.reason]
     if len(outcomes) == 1:
         return ended(outcomes[0], data=outcomes)
@@ -358,20 +368,6 @@ def _outcomes_of_run() -> list[Outcome]:
     this one cannot be sent.
     """
     return _TOLD.get([])
-
-
-def _outcome(recording: Recording, take_in: Callable[[], tuple[dict[str, Any], bool]]) -> Outcome:
-    """Return what becomes of a recording that is taken in, also where that breaks."""
-    try:
-        record, published = take_in()
-    except InputError as error:
-        return Outcome(recording.path, "refused", recording.take, reason=str(error))
-    except (ArchiveError, PlaceError) as error:
-        return Outcome(recording.path, "failed", recording.take, reason=str(error))
-    except Exception as error:
-        get_run_logger().exception("%s broke", recording.path)  # on the dashboard only
-        return broken(recording, error)
-    return finished(recording, record, "ingested" if published else "unchanged")
 
 
 def _outcomes(

@@ -1,13 +1,16 @@
 """What became of each recording of a run: in words, and as the state of a run."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from prefect import get_run_logger
 from prefect.client.schemas.objects import State
 from prefect.states import Completed, Failed
 
+from storage.errors import ArchiveError, InputError, PlaceError
 from storage.recordings import Recording, Refusal
 
 logger = logging.getLogger(__name__)
@@ -44,6 +47,28 @@ def finished(recording: Recording, record: dict[str, Any], status: str) -> Outco
         len(record["joints_present"]),
         record["notes"],
     )
+
+
+def outcome_of(recording: Recording, take_in: Callable[[], tuple[dict[str, Any], bool]]) -> Outcome:
+    """Return what becomes of a recording that is taken in, also where that breaks.
+
+    Parameters
+    ----------
+    recording
+        What is taken in.
+    take_in
+        Takes it in; returns its record, and False where the archive had it.
+    """
+    try:
+        record, published = take_in()
+    except InputError as error:
+        return Outcome(recording.path, "refused", recording.take, reason=str(error))
+    except (ArchiveError, PlaceError) as error:
+        return Outcome(recording.path, "failed", recording.take, reason=str(error))
+    except Exception as error:
+        get_run_logger().exception("%s broke", recording.path)  # on the dashboard only
+        return broken(recording, error)
+    return finished(recording, record, "ingested" if published else "unchanged")
 
 
 def refused(refusal: Refusal) -> Outcome:

@@ -15,6 +15,10 @@ ENDED = "shosa.scan.ended"
 """The event by which a scan says that it is over."""
 
 
+MOST_PATHS = 100
+"""How many recordings one run takes in. Chosen: half a minute of work, and a page of a form."""
+
+
 @dataclass(frozen=True)
 class Served:
     """What `shosa serve` was told to serve, as every process that it starts knows it."""

@@ -35,11 +35,12 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0  # before a child that died is star
 _HEARTBEAT_S = 30  # the least that Prefect allows
 _RUNS_KEPT_DAYS, _EVENTS_KEPT_DAYS = 30, 2  # a scan a minute writes 76 kB, most of it events
 _BEATS_KEPT_S = 3600.0
-_SOON_OLD = (
+SOON_OLD = (
     "flow-run.heartbeat", "flow-run.Scheduled", "flow-run.Late", "flow-run.Pending",
     "flow-run.Submitting", "flow-run.Running", "flow-run.Completed", "task-run.Pending",
     "task-run.Running", "task-run.Completed", "task-run.Cached", "worker.submitted-flow-run",
-    "worker.executed-flow-run", "artifact.created", "artifact.updated",
+    "worker.executed-flow-run", "artifact.created", "artifact.updated", "automation.triggered",
+    "automation.action.triggered", "automation.action.executed", "automation.action.failed",
 )  # fmt: skip
 _LEASE_S = 60.0  # how long a dead run holds the slot of a deployment
 
@@ -320,7 +321,7 @@ def _environment(served: Served, url: str, host: str, port: int, *, own: bool) -
         "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{_EVENTS_KEPT_DAYS}D",
         # 7 kB each, most of what a scan and a take cost; the states and artifacts themselves stay
         "PREFECT_SERVER_SERVICES_DB_VACUUM_EVENT_RETENTION_OVERRIDES": json.dumps(
-            {ENDED: _BEATS_KEPT_S, **{f"prefect.{each}": _BEATS_KEPT_S for each in _SOON_OLD}}
+            {ENDED: _BEATS_KEPT_S, **{f"prefect.{each}": _BEATS_KEPT_S for each in SOON_OLD}}
         ),
         # without these, a run that died holds the deployment's slot for ever
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (

@@ -9,10 +9,11 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 from zarr.errors import UnstableSpecificationWarning
+from zarr.storage import MemoryStore
 
 from storage.arrays.published import PublishedFiles
 from storage.errors import ArchiveError
-from storage.places import Place, told, zarr_store
+from storage.places import Place, told, write_files, zarr_store
 from storage.provenance import Provenance
 from storage.schema import JOINTS, SPACE
 
@@ -86,15 +87,30 @@ def write_group(
         if name not in dataset.coords and variable.dims[:1] == ("time",) and frames_a_chunk:
             kept["chunks"] = (min(variable.shape[0], frames_a_chunk), *variable.shape[1:])
         encoding[str(name)] = kept
-    with told(f"write {place.url(folder)}"):
+    with told(f"write {place.url(folder)}"), _written_at_once(place, folder) as store:
         dataset.to_zarr(
-            zarr_store(place, folder),
+            store,
             group=group,
             mode="w-",
             zarr_format=3,
             consolidated=False,
             encoding=encoding,
         )
+
+
+@contextmanager
+def _written_at_once(place: Place, folder: str) -> Iterator[Any]:
+    """Give a store that is written to a folder.
+
+    Zarr asks an object store dozens of times for a small group, one after another. So that is made
+    in memory first, and its files go out side by side.
+    """
+    if place.folder is not None:
+        yield zarr_store(place, folder)
+        return
+    made: dict[str, Any] = {}
+    yield MemoryStore(made)
+    write_files(place, {f"{folder}/{name}": made[name].to_bytes() for name in made})
 
 
 def open_group(

@@ -32,6 +32,8 @@ class Inbox:
     location: str
     """A full path with links followed, or a URL."""
     place: Place
+    archive: str
+    """What its recordings go into; another one may be fed from the same folder."""
 
     @property
     def folder(self) -> Path | None:
@@ -62,7 +64,7 @@ def open_inbox(location: str, archive: str) -> Inbox:
     """
     if is_url(location):
         place = open_place(location.rstrip("/"))
-        inbox = Inbox(place.location, place)
+        inbox = Inbox(place.location, place, archive)
     else:
         folder = Path(location).expanduser().resolve()
         if not folder.is_dir():
@@ -82,7 +84,7 @@ def open_inbox(location: str, archive: str) -> Inbox:
                 f"the inbox {location!r} is a capture itself (it holds {MARK}); name the folder "
                 "that captures are dropped into"
             )
-        inbox = Inbox(str(folder), open_place(folder))
+        inbox = Inbox(str(folder), open_place(folder), archive)
     _check_apart(inbox, archive)
     return inbox
 
@@ -122,19 +124,15 @@ def stamp_of(inbox: Inbox, name: str) -> str:
     the clock of the machine that wrote them need not be right.
     """
     if inbox.folder is None:
-        return _list_stored(inbox.place).get(name, "")
+        lines = [_object_line(each) for each in _objects_of(inbox.place, name)]
+        return _stamp(iter(sorted(lines))) if lines else ""
     path = inbox.folder / name
     return _stamp(_lines(path) if path.is_dir() else _file_lines(path))
 
 
 def files_of(inbox: Inbox, name: str) -> list[str]:
     """Return the paths in an object store of all that belongs to the recording `name`."""
-    stored = [each["path"] for each in _objects(inbox.place)]
-    beside = str(PurePosixPath(name).with_suffix(".toml"))
-    is_motion = PurePosixPath(name).suffix.lower() in MOTION_SUFFIXES
-    if is_motion and name in stored:
-        return [each for each in (name, beside) if each in stored]
-    return [each for each in stored if each.startswith(f"{name}/")]
+    return [each["path"] for each in _objects_of(inbox.place, name)]
 
 
 def _check_apart(inbox: Inbox, archive: str) -> None:
@@ -229,12 +227,12 @@ def _list_stored(place: Place) -> dict[str, str]:
             lines[capture].append(_object_line(each))
         elif path.suffix.lower() in MOTION_SUFFIXES and not _is_apart(str(path)):
             lines[str(path)] = [_object_line(each)]
+    described: dict[str, list[str]] = {}
+    for name in lines.keys() - set(outer):
+        described.setdefault(str(PurePosixPath(name).with_suffix(".toml")), []).append(name)
     for each in objects:
-        path = PurePosixPath(each["path"])
-        if path.suffix == ".toml" and not any(str(up) in lines for up in path.parents):
-            for name in lines:
-                if PurePosixPath(name).with_suffix(".toml") == path:
-                    lines[name].append(_object_line(each))
+        for name in described.get(each["path"], ()):
+            lines[name].append(_object_line(each))
     return {name: _stamp(iter(sorted(said))) for name, said in sorted(lines.items())}
 
 
@@ -244,6 +242,28 @@ def _objects(place: Place) -> list[Any]:
             return sorted(obstore.list(place.store).collect(), key=lambda each: each["path"])
         except FileNotFoundError as error:
             raise PlaceError(f"the inbox {place.location} is not there: {error}") from error
+
+
+def _objects_of(place: Place, name: str) -> list[Any]:
+    """Return the objects of one recording: all below a capture, or a file and its metadata.
+
+    Nothing else is listed: of a store that takes a second to answer, all is asked for once a scan.
+    """
+    with told(f"list {place.url(name)}"):
+        path = PurePosixPath(name)
+        if path.suffix.lower() in MOTION_SUFFIXES:
+            found, beside = [], str(path.with_suffix(".toml"))
+            bare = name.removesuffix(path.suffix)
+            above = name.rpartition("/")[0] or None
+            for some in obstore.list(place.store, above, offset=f"{bare}."):
+                found += [each for each in some if each["path"] in (name, beside)]
+                if (
+                    some[-1]["path"] >= f"{bare}/"
+                ):  # in their order, which none that begins so passes
+                    break
+            if any(each["path"] == name for each in found):
+                return found
+        return sorted(obstore.list(place.store, name).collect(), key=lambda each: each["path"])
 
 
 def _object_line(each: Any) -> str:

@@ -36,15 +36,17 @@ def move_to_quarantine(inbox: Inbox, name: str, reason: str) -> str | None:
 
     Returns
     -------
-    Where it is now, as a path in the inbox; None where it was left or is gone.
+    Where it is now, as a path in the inbox; None where it was left, is gone, or was moved by
+    somebody else at the same time.
 
     Raises
     ------
     PlaceError
         If the inbox cannot be written.
     """
+    text = _text(inbox, name, reason)
     if inbox.folder is None:
-        return _move_stored(inbox, name, reason)
+        return _move_stored(inbox, name, text)
     path = inbox.folder / name
     if not path.parent.resolve().is_relative_to(inbox.folder) or not os.path.lexists(path):
         return None
@@ -53,11 +55,17 @@ def move_to_quarantine(inbox: Inbox, name: str, reason: str) -> str | None:
         if (inbox.folder / QUARANTINE).is_symlink():
             raise NotADirectoryError(errno.ENOTDIR, "quarantine is a link; make it a folder")
         into = _make_folder(inbox.folder / QUARANTINE, _shown(path.name))
-        (into / REASON).write_text(_text(inbox, name, reason), encoding="utf-8")
-        for each in (path, beside):  # metadata that stay by a kill are there when it comes back
-            if each is not None:
-                with suppress(FileNotFoundError):
-                    os.rename(each, into / each.name)
+        try:
+            (into / REASON).write_text(text, encoding="utf-8")
+            os.rename(path, into / path.name)
+        except FileNotFoundError:
+            _remove_reason(into)
+            if os.path.lexists(path):
+                raise
+            return None  # somebody else was faster, and left a reason, too
+        if beside is not None:  # metadata that stay by a kill are there when it comes back
+            with suppress(FileNotFoundError):
+                os.rename(beside, into / beside.name)
     return into.relative_to(inbox.folder).as_posix()
 
 
@@ -65,7 +73,11 @@ def forget_reason(inbox: Inbox, name: str) -> None:
     """Remove the reason of a recording that was mended and moved back, where nothing is with it."""
     if inbox.folder is None:
         return
-    folder = inbox.folder / QUARANTINE / _shown(Path(name).name)
+    _remove_reason(inbox.folder / QUARANTINE / _shown(Path(name).name))
+
+
+def _remove_reason(folder: Path) -> None:
+    """Remove a folder of quarantine in which is only a reason."""
     with suppress(OSError):
         if os.listdir(folder) == [REASON]:
             (folder / REASON).unlink()
@@ -88,7 +100,7 @@ def _make_folder(quarantine: Path, name: str) -> Path:
 def _text(inbox: Inbox, name: str, reason: str) -> str:
     """Return what stands in REASON.txt."""
     return (
-        f"{_shown(name)} was not taken into the archive ({now()}).\n\n"
+        f"{_shown(name)} was not taken into the archive {_shown(inbox.archive)} ({now()}).\n\n"
         f"Why: {reason}\n\n"
         "What to do: mend it, then move it back to where it was:\n"
         f"    {_shown(inbox.location)}/{_shown(name)}\n"
@@ -102,7 +114,7 @@ def _shown(name: str) -> str:
     return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)
 
 
-def _move_stored(inbox: Inbox, name: str, reason: str) -> str | None:
+def _move_stored(inbox: Inbox, name: str, text: str) -> str | None:
     """Move a recording of an object store: copy, then remove."""
     files = files_of(inbox, name)
     if not files:
@@ -118,9 +130,14 @@ def _move_stored(inbox: Inbox, name: str, reason: str) -> str | None:
                 break
         else:
             raise FileExistsError(f"{place.url(QUARANTINE)} holds {_MOST_NAMES} of {last}")
-        write_file(place, f"{into}/{REASON}", _text(inbox, name, reason).encode())
+        write_file(place, f"{into}/{REASON}", text.encode())
         above = PurePosixPath(name).parent
-        for each in files:
-            obstore.copy(place.store, each, f"{into}/{PurePosixPath(each).relative_to(above)}")
+        copies = [f"{into}/{PurePosixPath(each).relative_to(above)}" for each in files]
+        try:
+            for each, copy in zip(files, copies, strict=True):
+                obstore.copy(place.store, each, copy)
+        except FileNotFoundError:  # somebody else was faster
+            obstore.delete(place.store, [*copies, f"{into}/{REASON}"])
+            return None
         obstore.delete(place.store, list(reversed(files)))
     return into

@@ -10,7 +10,8 @@ from tasks.engine.progress import report
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-THREADS = os.cpu_count() or 1
+THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""The processors that this process may use, which can be fewer than there are (`taskset`)."""
 
 _SHARES = 16  # of a thread: the last one to end keeps the others waiting for one of them at most
 

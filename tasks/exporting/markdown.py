@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from storage.formats.pictures.pictures import encode_drawing, encode_within
 
-MOST_BYTES = 5_000
+MOST_BYTES = 4_000
 """How long the file of a filmed or colored picture on a page may be [bytes].
 
 Chosen by eye, as small as a body can still be judged in: the dashboard keeps every page twice in

@@ -16,6 +16,8 @@ from tasks.rendering.views import picture_frame
 
 _BODY = (200, 254)
 """Columns and rows of the picture of a body [px]. Chosen by eye: two stand side by side."""
+_AROUND = 12
+"""What is left around a body, where its surroundings are cut away [px]. Chosen by eye."""
 _FIGURES = FigureSettings(width=480, figure_height=100)
 """How the strip of figures is drawn: as wide as the plot of quality below it."""
 _INSTANTS = 6
@@ -128,7 +130,7 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
     body, said = picture_frame(take, frame, size=_BODY), f"the body in frame {frame}, as filmed"
     if posed:
         segments = picture_frame(take, frame, size=_BODY, color="segments")
-        body, said = np.concatenate([body, segments], axis=1), f"{said}, and its segments"
+        body, said = _side_by_side(body, segments), f"{said}, and its segments"
     yield picture(body, said)
     yield "What each camera saw of the performer:"
     yield drawing(sheet, f"silhouettes of all cameras in frame {frame}")
@@ -145,6 +147,18 @@ def _pictures(take: Take, doubtful: NDArray[np.bool_], frame: int) -> Iterator[s
     yield "How much of its voxels each segment has, 0 to 1:"
     quality = draw_quality(take.pose["quality"].values, doubtful, take.record.rate_hz)
     yield drawing(quality, "quality over time, doubtful frames shaded")
+
+
+def _side_by_side(body: NDArray[np.uint8], segments: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return two pictures of one body beside each other, without most of what is around it."""
+    rows, columns = ((body != segments).any(axis=2).any(axis=axis) for axis in (1, 0))
+    high, wide = (
+        slice(
+            max(int(np.argmax(each)) - _AROUND, 0), len(each) - int(np.argmax(each[::-1])) + _AROUND
+        )
+        for each in (rows, columns)
+    )
+    return np.concatenate([each[high, wide] for each in (body, segments)], axis=1)
 
 
 def _doubtful(take: Take) -> NDArray[np.bool_]:

@@ -104,10 +104,9 @@ def assemble_take(
     place = opened.place
     if digest_capture(source.folder) != digest:
         raise InputError(f"{capture} changed while it was read; ingest it again when it is done")
-    for stage, parts in blocks.items():
-        seconds = sum(part.seconds for part in parts)
-        frames = parts[-1].block.end - parts[0].block.start
-        logger.info("%s: %s: %d frames, %.1f s", take, stage.replace("_", " "), frames, seconds)
+    spent = {stage: sum(part.seconds for part in parts) for stage, parts in blocks.items()}
+    said = ", ".join(f"{stage.replace('_', ' ')} {seconds:.1f}" for stage, seconds in spent.items())
+    logger.info("%s: seconds of each stage: %s", take, said)
     if begun is None or not begun.is_there(place, take):
         begun = begin_take(archive, capture, digest, take, blocks, settings)
     version, empty = begun.version, np.flatnonzero(np.diff(begun.offsets["voxel"]) == 0)

@@ -4,6 +4,7 @@ import os
 import shutil
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 import pytest
@@ -288,6 +289,18 @@ def test_a_reason_goes_when_its_recording_was_moved_back_and_is_good(inbox):
     assert path.exists()
 
 
+def test_of_several_who_move_it_at_once_one_does_and_leaves_one_reason(inbox):
+    for number in range(20):
+        put(inbox, f"a{number}.bvh")
+        with ThreadPoolExecutor(4) as several:
+            moved = [several.submit(move_to_quarantine, inbox, f"a{number}.bvh", "bad")
+                     for _ in range(4)]  # fmt: skip
+        [folder] = {each.result() for each in moved} - {None}
+        assert sorted(os.listdir(inbox.folder / folder)) == ["REASON.txt", f"a{number}.bvh"]
+    assert len(os.listdir(inbox.folder / "quarantine")) == 20
+    assert f"the archive {inbox.archive} (" in (inbox.folder / folder / "REASON.txt").read_text()
+
+
 def test_a_line_break_in_a_name_breaks_no_line_of_the_reason(inbox):
     put(inbox, "a\nWhy: all is well.bvh")
     folder = inbox.folder / move_to_quarantine(inbox, "a\nWhy: all is well.bvh", "bad")
@@ -379,6 +392,7 @@ def test_an_inbox_may_be_in_an_object_store(object_store, tmp_path, monkeypatch)
         obstore.put(store, name, b"first")
     known, ready = look_now(archive.place, inbox, 0)
     assert ready == ["cap", "sub/a.bvh"]
+    assert {name: stamp_of(inbox, name) for name in ready} == list_waiting(inbox)
     assert read_memory(archive.place, inbox) == known
     for name in ("sub/a.toml", "cap/videos/one.mp4"):
         before = list_waiting(inbox)

@@ -113,9 +113,7 @@ def drop_and_kill(
 
 def start(folder: Path, every_s: float) -> tuple[subprocess.Popen[bytes], str]:
     """Serve the archive of a folder; return what does, and the address of the server's API."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     environment |= {"PREFECT_HOME": str(folder / "home"), "PYTHONPATH": str(ROOT)}
     command = [
@@ -124,6 +122,13 @@ def start(folder: Path, every_s: float) -> tuple[subprocess.Popen[bytes], str]:
         *("--every", str(every_s), "--settle", str(SETTLE_S)),
     ]
     return subprocess.Popen(command, env=environment), f"http://127.0.0.1:{port}/api"
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
 
 
 def drops(folder: Path, options: argparse.Namespace) -> Iterator[None]:

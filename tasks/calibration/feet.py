@@ -197,7 +197,7 @@ def _ends(
     """Return (voxel, 3) the first and the last voxel of each run, metres: no other is lowest."""
     last = index.copy()
     last[:, 2] += length.astype(index.dtype) - 1
-    return np.array(grid.origin_m) + grid.voxel_m * np.concatenate([index, last])
+    return grid.origin_m + grid.voxel_m * np.concatenate([index, last]).astype(np.float64)
 
 
 def _middle(silhouettes: NDArray[np.bool_], projection: Projection) -> NDArray[np.float64] | None:
@@ -213,7 +213,9 @@ def _middle(silhouettes: NDArray[np.bool_], projection: Projection) -> NDArray[n
         ray /= np.linalg.norm(ray)
         off_ray = np.eye(3) - np.outer(ray, ray)
         across, sums, seen = across + off_ray, sums + off_ray @ center, seen + 1
-    return np.linalg.solve(across, sums) if seen >= _CARVING.min_cameras else None
+    if seen < _CARVING.min_cameras:
+        return None
+    return np.asarray(np.linalg.solve(across, sums), np.float64)
 
 
 def _floor(hulls: Sequence[NDArray[np.float64]]) -> SteppedFloor:

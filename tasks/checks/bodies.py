@@ -108,7 +108,7 @@ def held_notes(
         hull = carve_visual_hull(each, projection, grid, CarvingSettings())
         return len(hull.start) > 0 and find_held(hull, grid).is_clear
 
-    often = sum(side_by_side(is_clear, silhouettes))
+    often = sum(side_by_side(is_clear, list(silhouettes)))
     if often < _HELD_IN:
         return ()
     return (

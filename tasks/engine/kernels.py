@@ -151,9 +151,12 @@ class _Nowhere:
 
     PATH = str(Path(__file__).with_name("nowhere"))
 
+    def __init__(self, line: int) -> None:
+        self._line = line
+
     @classmethod
-    def from_function(cls, _function: Callable[..., Any], _file: str) -> "_Nowhere":
-        return cls()
+    def from_function(cls, function: Callable[..., Any], _file: str) -> "_Nowhere":
+        return cls(function.__code__.co_firstlineno)
 
     def get_cache_path(self) -> str:
         return self.PATH
@@ -162,7 +165,7 @@ class _Nowhere:
         return ""
 
     def get_disambiguator(self) -> str:
-        return ""
+        return str(self._line)
 
     def ensure_cache_path(self) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))

@@ -24,7 +24,7 @@ from tasks.capture.films import projection_of
 from tasks.engine.progress import within
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection, camera_centers
-from tasks.geometry.voxels import VoxelGrid, run_index, volume_grid
+from tasks.geometry.voxels import VoxelGrid, run_index, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.regions.pieces import pieces_of_runs
 from tasks.reconstruction.silhouettes import extract_silhouettes
@@ -197,7 +197,7 @@ def _ends(
     """Return (voxel, 3) the first and the last voxel of each run, metres: no other is lowest."""
     last = index.copy()
     last[:, 2] += length.astype(index.dtype) - 1
-    return grid.origin_m + grid.voxel_m * np.concatenate([index, last]).astype(np.float64)
+    return voxel_centers(grid, np.concatenate([index, last]))
 
 
 def _middle(silhouettes: NDArray[np.bool_], projection: Projection) -> NDArray[np.float64] | None:

@@ -47,6 +47,10 @@ _Target = tuple[str, str, str]
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return numba's decorator of that name, whose `cache` notices edits to other files of ours.
 
+    A function with `fastmath` becomes a part of every kernel that calls it. Else each has a copy,
+    which rounds as the compiler ordered its sums there; a process that compiles calls the copy that
+    it made first, and one that loads the kernel calls the kernel's own.
+
     Parameters
     ----------
     cache
@@ -54,9 +58,10 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     options
         Those of `numba.njit`.
     """
+    inlined = {"forceinline": True} if options.get("fastmath") else {}
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel: Any = numba.njit(**_NOT_FROM_C | options)(function)
+        kernel: Any = numba.njit(**_NOT_FROM_C | inlined | options)(function)
         if cache and kernel is not function:  # as it is with NUMBA_DISABLE_JIT=1
             with suppress(RuntimeError):  # no folder can be written to: compiled in each process
                 kernel._cache = _KernelCache(function)

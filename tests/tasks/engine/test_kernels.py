@@ -149,6 +149,55 @@ def test_kernels_are_kept_where_the_user_says(package, tmp_path):
     assert not list(package.rglob("*.nbi"))
 
 
+SHARING = """
+import numpy as np
+from numba import njit  # ours keeps kernels of our own modules only
+from tasks.body.blobs.blobs import gather_voxels, share_out
+
+@njit(cache=True)
+def share(voxels, blobs, sums):
+    return share_out(voxels, blobs, 0.5, sums)
+
+def call():
+    rng = np.random.default_rng(0)
+    looks = rng.uniform(0, 3, (7, 3)).astype(np.float32)
+    voxels = gather_voxels(rng.uniform(0, 0.6, (3000, 3)), rng.integers(0, 7, 3000), looks)
+    spread = 3 * rng.normal(size=(9, 3, 3))
+    blobs = (
+        rng.uniform(0, 0.6, (9, 3)),
+        spread @ spread.transpose(0, 2, 1) + 20 * np.eye(3),
+        np.full((9, 3), 0.5),
+        rng.uniform(0.5, 2, 9).astype(np.float32),
+        rng.integers(0, 3, 9),
+    )
+    sums = np.empty((9, 4))
+    likelihood = share((voxels.count, voxels.points, voxels.likeness, voxels.boxes), blobs, sums)
+    print(likelihood.hex(), sums.tobytes().hex(), sum(share.stats.cache_hits.values()))
+"""
+"""A kernel that has sums made with `fastmath`, in a helper too long to be inlined for its own
+sake."""
+
+
+def test_who_compiles_a_kernel_rounds_as_who_loads_it(tmp_path):
+    (tmp_path / "sharing.py").write_text(SHARING)
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(tmp_path / "kept"),
+        "PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path))),
+    }
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", "import sharing; sharing.call()"],
+            env=environment,
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert [each.pop() for each in told] == ["0", "1"]  # compiled, then loaded
+    assert told[0] == told[1]
+
+
 def test_the_files_behind_every_kernel_count():
     seen = 0
     for module in pkgutil.walk_packages(tasks.__path__, "tasks."):

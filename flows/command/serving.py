@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 from flows.command import printing
 from flows.command.options import UsageError, check_environment
 from flows.links import VIEWER_URL, is_web_address
-from flows.served import Served, ServingError
-from flows.serving import serve
+from flows.service.served import Served, ServingError
+from flows.service.serving import serve
 from storage import create_archive
 from storage.inbox.listing import open_inbox
 from storage.inbox.lock import BusyError, serving
@@ -166,8 +166,8 @@ def _scan_once(served: Served) -> int:
         if not ready and all(seen.state != "started" for seen in known.values()):
             printing.say(f"{box.location}: nothing new")
             continue
-        from flows.inbox import scan_inbox
         from flows.server import check_server
+        from flows.service.inbox import scan_inbox
 
         check_server()
         state = scan_inbox(

@@ -17,7 +17,7 @@ from flows.dashboard import (
 )
 from flows.links import VIEWER_URL, artifact_key, viewer_url
 from flows.progress import ASSEMBLING
-from flows.summarizing import told_once
+from flows.service.summarizing import told_once
 from storage import create_archive, open_archive
 from storage.archive import Take
 from storage.records import Record

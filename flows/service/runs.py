@@ -10,7 +10,7 @@ from prefect import State, get_client
 from prefect.deployments import run_deployment
 from prefect.exceptions import ObjectNotFound
 
-from flows.served import MOST_PATHS
+from flows.service.served import MOST_PATHS
 from storage.archive import take_name
 from storage.inbox.memory import Seen
 

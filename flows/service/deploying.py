@@ -1,9 +1,9 @@
 """Tell a Prefect server what can be run: the pool, the deployments, and what ends dead runs.
 
-    python -m flows.deploying deploy|join
+    python -m flows.service.deploying deploy|join
 
-Started by `flows.serving`, in a process of its own, because importing Prefect and the stages
-takes 200 MB that the supervisor need not keep.
+Started by `flows.service.serving`, in a process of its own, because importing Prefect and the
+stages takes 200 MB that the supervisor need not keep.
 """
 
 import os
@@ -34,10 +34,10 @@ from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
 from prefect.states import Crashed
 from prefect.types.entrypoint import EntrypointType
 
-from flows import forms
 from flows.outcomes import REFUSED
-from flows.processes import served_processes
-from flows.served import ENDED, POOL, Served, read_served, tag_of
+from flows.service import forms
+from flows.service.processes import served_processes
+from flows.service.served import ENDED, POOL, Served, read_served, tag_of
 
 _DIED = (
     "The run gives no sign of life: its process was killed, or its machine was switched off. What "
@@ -56,7 +56,7 @@ _TEMPLATE: dict[str, Any] = {
 
 
 def main(action: str) -> None:
-    """Do what `flows.serving` asks for; raises SystemExit with a sentence where it cannot."""
+    """Do what the supervisor asks for; raises SystemExit with a sentence where it cannot."""
     served = read_served()
     with get_client(sync_client=True) as client:
         if action == "join":

@@ -13,9 +13,9 @@ from prefect import State, flow, tags
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
-from flows.apart import DIGITIZE, INGEST, end_of_run, run_names, split_files, start_run
 from flows.outcomes import REFUSED
-from flows.served import MOST_PATHS, POOL
+from flows.service.runs import DIGITIZE, INGEST, end_of_run, run_names, split_files, start_run
+from flows.service.served import MOST_PATHS, POOL
 from storage import Archive, create_archive
 from storage.errors import ArchiveError, InputError
 from storage.files import NotRegularError

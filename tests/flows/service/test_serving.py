@@ -16,10 +16,11 @@ from typing import get_args
 
 import pytest
 
-from flows import serving
 from flows.command.main import main
-from flows.processes import served_processes
-from flows.served import ENDED, Served, ServingError
+from flows.service import serving
+from flows.service.environment import environment_of
+from flows.service.processes import served_processes
+from flows.service.served import ENDED, Served, ServingError
 from storage import open_archive
 from storage.publication import verify_take
 from tests.conftest import HANGING_S, MEASURED, ROOT
@@ -267,7 +268,7 @@ def test_a_signal_ends_all_of_it(serve):
 
 
 def test_the_parts_of_the_form_are_those_of_the_search():
-    from flows.forms import Part
+    from flows.service.forms import Part
     from tasks.retrieval.normalization import PARTS
 
     assert set(get_args(Part)) == set(PARTS)
@@ -276,7 +277,7 @@ def test_the_parts_of_the_form_are_those_of_the_search():
 def test_a_scan_pays_for_no_stage():
     """It runs every minute, in a process of its own."""
     program = (
-        "import sys; import flows.forms;"
+        "import sys; import flows.service.forms;"
         "slow = {'numba', 'xarray', 'zarr', 'scipy', 'cv2', 'av'} & set(sys.modules);"
         "sys.exit(f'imported {slow}' if slow else 0)"
     )
@@ -287,7 +288,7 @@ def test_a_scan_pays_for_no_stage():
 def test_every_parameter_of_a_form_is_described():
     from prefect.utilities.callables import parameter_schema
 
-    from flows import forms
+    from flows.service import forms
 
     for flow in (forms.ingest, forms.digitize, forms.search, forms.gc):
         for name, said in parameter_schema(flow).properties.items():
@@ -346,9 +347,9 @@ def test_a_script_of_prefect_beside_a_module_of_our_name_finds_ours(tmp_path, mo
     """When a run crashed, a worker starts one, which lies beside Prefect's own `storage`."""
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "home"))
     (tmp_path / "storage.py").write_text("")
-    (tmp_path / "script.py").write_text("import flows.served, storage.archive")
+    (tmp_path / "script.py").write_text("import flows.service.served, storage.archive")
     served = Served(str(tmp_path / "archive"))
-    environment = serving._environment(served, "http://127.0.0.1:1/api", "::1", 1, own=False)
+    environment = environment_of(served, "http://127.0.0.1:1/api", "::1", 1, own=False)
     script = [sys.executable, str(tmp_path / "script.py")]
     done = subprocess.run(script, env={**os.environ, **environment}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -21,10 +21,10 @@ from prefect.states import Completed, Failed
 from pydantic import BaseModel, ConfigDict, Field
 
 from flows.artifacts import shown
-from flows.idle import forget_idle_scans, forget_stages, tell_end
-from flows.inbox import ingest_here, scan_inbox, state_of
 from flows.outcomes import REFUSED
-from flows.served import MOST_PATHS, Served, read_served
+from flows.service.forgetting import forget_idle_scans, forget_stages, tell_end
+from flows.service.inbox import ingest_here, scan_inbox, state_of
+from flows.service.served import MOST_PATHS, Served, read_served
 from storage import open_archive
 from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
@@ -271,7 +271,7 @@ def summarize(hours: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0) -> State
     Args:
         hours: How far back to look.
     """
-    from flows.summarizing import summarize_archive
+    from flows.service.summarizing import summarize_archive
 
     served = _begin()
     summarize_archive.fn(served.archive, served.inboxes, hours)

@@ -21,8 +21,8 @@ from prefect.client.schemas.sorting import FlowRunSort
 from prefect.events import emit_event
 from prefect.runtime import deployment, flow_run
 
-from flows.inbox import KNOWN, NOTHING_NEW, STARTED, WAITING
-from flows.served import ENDED, POOL
+from flows.service.inbox import KNOWN, NOTHING_NEW, STARTED, WAITING
+from flows.service.served import ENDED, POOL
 
 _APART_S = 3.0
 """Between a beat and the end [s]. What comes together the server takes in any order, and then tries

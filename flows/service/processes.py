@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import psutil
 
-from flows.served import VARIABLE
+from flows.service.served import VARIABLE
 
 _RUN = "PREFECT__FLOW_RUN_ID"
 """The variable by which a worker tells a process which run it is."""

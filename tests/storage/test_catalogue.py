@@ -9,7 +9,7 @@ from storage import open_archive
 from storage.index import catalogue, segments, snapshots
 from storage.index.snapshots import open_snapshot
 from tasks.retrieval.gathering import gather_segments
-from tests.figures.packed_takes import (
+from tests.figures.archives.packed_takes import (
     aged,
     fill,
     newest,

@@ -12,7 +12,7 @@ from storage.publication import collect_garbage, verify_take
 from storage.recordings import Recording
 from tasks.takes.identity import why_anew
 from tasks.takes.publishing import publish_take
-from tests.figures.takes import publish, write_version
+from tests.figures.archives.takes import publish, write_version
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from storage.publication import collect_garbage, kept_from_garbage
 from tasks.retrieval import archive_search, opening
 from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.searching import Found, Match, SearchSettings
-from tests.figures.packed_takes import (
+from tests.figures.archives.packed_takes import (
     PlainTakes,
     files,
     fill,

@@ -21,7 +21,7 @@ from tasks.retrieval import gathering, opening
 from tasks.retrieval.gathering import gather_segments, gather_when_many
 from tasks.retrieval.pruned.summaries import SUMMARIES
 from tests.conftest import cases
-from tests.figures.packed_takes import (
+from tests.figures.archives.packed_takes import (
     MANIFEST,
     PlainTakes,
     aged,

@@ -27,7 +27,7 @@ from storage.publication import (
 )
 from storage.recordings import find_recordings, plan_takes
 from storage.records import read_record
-from tests.figures.takes import publish, write_version
+from tests.figures.archives.takes import publish, write_version
 
 NOW = timedelta(0)
 

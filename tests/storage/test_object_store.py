@@ -15,8 +15,8 @@ from storage.places import list_files, write_file
 from storage.publication import collect_garbage, publish_record, verify_take
 from tasks.retrieval.gathering import gather_segments
 from tests.conftest import cases
-from tests.figures.packed_takes import PlainTakes, read_all
-from tests.figures.takes import publish, publish_until_killed, write_version
+from tests.figures.archives.packed_takes import PlainTakes, read_all
+from tests.figures.archives.takes import publish, publish_until_killed, write_version
 
 pytestmark = pytest.mark.s3
 

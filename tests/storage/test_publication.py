@@ -20,7 +20,7 @@ from storage.publication import (
     version_folder,
 )
 from tests.conftest import cases
-from tests.figures.takes import publish, publish_until_killed, write_version
+from tests.figures.archives.takes import publish, publish_until_killed, write_version
 
 NOW = timedelta(0)
 

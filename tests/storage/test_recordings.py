@@ -17,7 +17,7 @@ from storage.recordings import (
     read_metadata,
     remember_source,
 )
-from tests.figures.takes import write_version
+from tests.figures.archives.takes import write_version
 
 VOLUME = "[volume]\ncenter_m = [0, 1, 0]\nsize_m = [2, 2, 2]\nvoxel_m = 0.01\n"
 

@@ -65,7 +65,7 @@ def publish_until_killed(location, take, seconds):
     None where it was killed before it published anything.
     """
     context = multiprocessing.get_context("forkserver")  # a start costs milliseconds
-    context.set_forkserver_preload(["tests.figures.takes"])
+    context.set_forkserver_preload(["tests.figures.archives.takes"])
     reader, writer = context.Pipe(duplex=False)
     # the fork server keeps the environment that it was started in
     access = {name: value for name, value in os.environ.items() if name.startswith("AWS_")}

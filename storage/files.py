@@ -3,7 +3,6 @@
 import errno
 import os
 import stat
-from pathlib import Path
 from typing import BinaryIO
 
 _KINDS = (
@@ -57,12 +56,6 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     except BaseException:
         os.close(handle)
         raise
-
-
-def read_regular(path: Path) -> bytes:
-    """Return what a regular file holds; raises as `open_regular`."""
-    with open_regular(path) as file:
-        return file.read()
 
 
 def _refuse_others(path: str | os.PathLike[str], mode: int) -> None:

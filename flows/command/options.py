@@ -114,7 +114,7 @@ def search_settings(options: argparse.Namespace) -> "SearchSettings":
         With all that means nothing.
     """
     from tasks.retrieval.answering import parse_query
-    from tasks.retrieval.levels import threshold_of
+    from tasks.retrieval.meaning.levels import threshold_of
     from tasks.retrieval.searching import SearchSettings
     from tasks.retrieval.weighting import joint_weights
 

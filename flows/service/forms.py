@@ -219,7 +219,7 @@ def search(
         takes: Search only in takes whose name matches, such as okuri*. Empty for all.
     """
     from flows.searching import search_archive
-    from tasks.retrieval.levels import threshold_of
+    from tasks.retrieval.meaning.levels import threshold_of
     from tasks.retrieval.searching import SearchSettings
 
     served = _begin()

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.retrieval import chance as module
-from tasks.retrieval.chance import FEWEST_CLIPS, Chance, measure_chance, one_in
+from tasks.retrieval.meaning import chance as module
+from tasks.retrieval.meaning.chance import FEWEST_CLIPS, Chance, measure_chance, one_in
 from tasks.retrieval.searching import Query, SearchSettings, search_takes
 from tasks.retrieval.segments import PackedTake
 from tests.benchmarks.similarity.motions import make_query, make_take, pack_query

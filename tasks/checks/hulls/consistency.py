@@ -12,8 +12,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.checks.bounds import grid_corners
-from tasks.checks.voxel_consistency import (
+from tasks.checks.hulls.bounds import grid_corners
+from tasks.checks.hulls.voxel_consistency import (
     Scene,
     VoxelConsistency,
     compare_hull,

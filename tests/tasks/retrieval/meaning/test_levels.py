@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tasks.retrieval.levels import LEVELS, level_of, level_thresholds, threshold_of
+from tasks.retrieval.meaning.levels import LEVELS, level_of, level_thresholds, threshold_of
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import SearchSettings, search_takes
 from tasks.studio.dancing.choreography import lonely, okuri48, radio_arms, walk

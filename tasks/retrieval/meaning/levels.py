@@ -6,7 +6,7 @@
 Beyond `like` is nothing like it. The paper leaves its threshold open (section 5); docs/retrieval.md
 has how these were measured, and what share of true and of false matches lies within each. They hold
 for clips of about two seconds and more, compared with the steps `slope`: a shorter clip is near to
-something everywhere. `tasks.retrieval.chance` tells that, on the archive itself.
+something everywhere. `tasks.retrieval.meaning.chance` tells that, on the archive itself.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.retrieval.explaining import compared_about_shoulders
+from tasks.retrieval.meaning.explaining import compared_about_shoulders
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.weighting import SearchSettings, joint_weights
 

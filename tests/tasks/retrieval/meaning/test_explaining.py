@@ -3,7 +3,7 @@ import pytest
 
 from storage.schema import JOINTS
 from tasks.motion.stature import joints_present
-from tasks.retrieval.explaining import explain_match, samples_of_match
+from tasks.retrieval.meaning.explaining import explain_match, samples_of_match
 from tasks.retrieval.normalization import (
     OTHER_SIDE,
     frame_of_sample,

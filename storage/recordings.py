@@ -1,7 +1,6 @@
 """What users bring: motion files and captures in folders, what they are called, who danced."""
 
 import hashlib
-import json
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -18,10 +17,9 @@ from storage.formats.capture.capture_toml import MARK, read_capture_toml
 from storage.formats.encodings import normalized
 from storage.formats.settings_toml import SETTINGS_FILE
 from storage.formats.toml_text import NotTomlError, plain_metadata, read_toml
-from storage.places import write_file
 from storage.provenance import digest_file
-from storage.publication import read_source
 from storage.records import Record, read_record
+from storage.sources import take_of_content
 
 logger = logging.getLogger(__name__)
 
@@ -140,7 +138,7 @@ def _plan_capture(
     digest = digest_capture(folder)
     if digest in digests:
         return Recording(str(folder), digest, "", {}, None, "capture")
-    known = take_of_content(archive, digest)
+    known = take_of_content(archive.place, digest)
     take = known if known and known not in claimed else take_name(said.take)
     record = read_record(archive.place, take)
     if take in claimed or (record and not _made_from(record, folder, digest)):
@@ -209,12 +207,6 @@ def metadata_beside(motion_file: Path) -> Path | None:
         return path if os.path.lexists(path) else None
     name = normalized(path.name)
     return next((each for each in path.parent.iterdir() if normalized(each.name) == name), None)
-
-
-def remember_source(archive: Archive, record: Record) -> None:
-    """Write which take a content became, so that the same content is never taken in twice."""
-    content = json.dumps({"take": record.take}).encode()
-    write_file(archive.place, _source_path(record.source["digest"]), content)
 
 
 def _name_fault(path: Path) -> str | None:
@@ -289,7 +281,7 @@ def _choose_take(
     archive: Archive, file: Path, digest: str, metadata: dict[str, Any], claimed: dict[str, str]
 ) -> str:
     """Return the name of the take that a file becomes, or refuse it."""
-    known = take_of_content(archive, digest)
+    known = take_of_content(archive.place, digest)
     if known and known not in claimed:
         return known
     if "id" in metadata:
@@ -311,17 +303,6 @@ def _choose_take(
 def _made_from(record: Record, file: Path, digest: str) -> bool:
     """Say whether a take was made from this file, or an earlier state of it."""
     return record.source["digest"] == digest or record.source["path"] == str(file)
-
-
-def take_of_content(archive: Archive, digest: str) -> str | None:
-    """Return the take that this content became, if the take still says so."""
-    take = read_source(archive.place, _source_path(digest))
-    record = read_record(archive.place, take) if take else None
-    return take if record and record.source["digest"] == digest else None
-
-
-def _source_path(digest: str) -> str:
-    return f"sources/{digest}.json"
 
 
 def _stature(file: Path, metadata: dict[str, Any]) -> float | None:

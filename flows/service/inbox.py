@@ -26,8 +26,9 @@ from storage.inbox.lock import BusyError, scanning
 from storage.inbox.memory import Seen, look_now, pause_after, write_memory
 from storage.inbox.quarantine import forget_reason, move_to_quarantine
 from storage.provenance import digest_file
-from storage.recordings import digest_capture, take_of_content
+from storage.recordings import digest_capture
 from storage.roots import leads_to_itself, links_out
+from storage.sources import take_of_content
 
 logger = logging.getLogger(__name__)
 
@@ -347,7 +348,7 @@ def _told(name: str, error: Exception) -> tuple[str, str]:
 
 def _is_in(archive: Archive, digest: str) -> bool:
     """Say whether a take of the archive was made from this content."""
-    return take_of_content(archive, digest) is not None
+    return take_of_content(archive.place, digest) is not None
 
 
 def _waiting(scan: Scan) -> int:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from storage.errors import ArchiveError
 from storage.places import (
     Place,
-    check_regular,
     delete_files,
     list_files,
     read_file,
+    regular_file,
     told,
     write_file,
 )
@@ -177,7 +177,7 @@ def _open_rows(
     size = len(head) + 4 * shape[0] * shape[1]
     if place.folder and mapped:
         with told(f"read {place.url(path)}"):
-            file = check_regular(place.folder / path)
+            file = regular_file(place.folder / path)
             found, begin = file.stat().st_size, _first_bytes(file, len(head))
             if (found, begin) == (size, head):
                 return np.memmap(file, np.float32, "r", offset=len(head), shape=shape)

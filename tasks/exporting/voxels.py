@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.archive import Take, nearest
 from storage.errors import InputError, UnknownNameError
+from storage.files import write_beside
 from storage.formats.capture.initial import write_initial
-from storage.formats.motion.writing import write_beside
 from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.ply import write_points, write_surface
 from storage.places import told

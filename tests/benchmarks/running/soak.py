@@ -25,7 +25,7 @@ from flows.server import is_healthy
 from flows.service.processes import served_processes
 from storage import open_archive
 from storage.formats.motion.trc import write_trc
-from storage.publication import collect_garbage
+from storage.garbage import collect_garbage
 from storage.schema import JOINTS
 from tasks.checks.upkeep import verify_archive
 from tasks.studio.cameras import RingSettings, generate_cameras

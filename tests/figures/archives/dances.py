@@ -10,13 +10,13 @@ from storage.arrays.search import write_search_array
 from storage.arrays.voxels import write_voxels
 from storage.provenance import Provenance
 from storage.publication import (
-    Record,
     describe_files,
     new_version,
     next_number,
     publish_record,
     version_folder,
 )
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.geometry.voxels import encode_runs, surface_voxels
 from tasks.motion.stature import measure_stature

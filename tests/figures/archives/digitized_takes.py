@@ -11,7 +11,8 @@ from storage.arrays.silhouettes import write_silhouettes
 from storage.arrays.voxels import write_voxels
 from storage.formats.calibration.camera import Camera
 from storage.provenance import Provenance
-from storage.publication import Record, describe_files, publish_record, version_folder
+from storage.publication import describe_files, publish_record, version_folder
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.geometry.voxels import encode_runs, surface_voxels
 from tests.conftest import swaying_body

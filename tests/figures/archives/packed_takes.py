@@ -9,7 +9,8 @@ import numpy as np
 from storage import open_archive
 from storage.arrays.search import lying_search_arrays, write_search_array
 from storage.index.segments import FOLDER
-from storage.publication import Record, new_version, next_number, publish_record
+from storage.publication import new_version, next_number, publish_record
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.retrieval.opening import open_segments, read_lying_takes
 

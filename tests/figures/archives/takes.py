@@ -10,13 +10,13 @@ from storage.arrays.groups import write_motion
 from storage.arrays.search import write_search_array
 from storage.provenance import recorded
 from storage.publication import (
-    Record,
     describe_files,
     new_version,
     next_number,
     publish_record,
     version_folder,
 )
+from storage.records import Record
 from storage.schema import JOINTS
 
 FRAMES = 40

@@ -15,7 +15,8 @@ from storage.formats.calibration.camera import Camera
 from storage.formats.capture.initial import read_initial
 from storage.formats.pictures.video import open_video, read_frames
 from storage.provenance import Provenance
-from storage.publication import Record, describe_files, publish_record, version_folder
+from storage.publication import describe_files, publish_record, version_folder
+from storage.records import Record
 from tasks.geometry.voxels import encode_runs, surface_voxels
 from tests.conftest import swaying_body
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from storage import open_archive, places
-from storage.publication import verify_take
+from storage.verification import verify_take
 from tests.figures.slow_stores import slow_way
 from tests.flows.service.conftest import BROKEN
 

@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -153,8 +154,6 @@ def _check(options: argparse.Namespace) -> None:
 
 def _scan_once(served: Served) -> int:
     """Scan each inbox; Prefect is started only where something is to be taken in."""
-    import time
-
     place = create_archive(served.archive).place
     boxes = [open_inbox(each, served.archive) for each in served.inboxes]
     looks = [look_now(place, box, served.settle_s) for box in boxes]

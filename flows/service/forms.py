@@ -24,14 +24,12 @@ from flows.artifacts import shown
 from flows.outcomes import REFUSED
 from flows.service.forgetting import forget_idle_scans, forget_stages, tell_end
 from flows.service.inbox import ingest_here, scan_inbox, state_of
+from flows.service.named import check_query, find_named, inbox_of, move_away
 from flows.service.served import MOST_PATHS, Served, read_served
 from storage import open_archive
-from storage.errors import ArchiveError, InputError, UnknownNameError
-from storage.formats import MOTION_SUFFIXES
+from storage.errors import ArchiveError, InputError
 from storage.inbox.fetching import fetched
-from storage.inbox.listing import Inbox, open_inbox, stamp_of
-from storage.inbox.quarantine import move_to_quarantine
-from storage.recordings import find_recordings
+from storage.inbox.listing import stamp_of
 from storage.roots import check_within, is_url
 
 logger = logging.getLogger(__name__)
@@ -123,13 +121,13 @@ def ingest(
     options: dict[str, Any] = {"again": again, "importing": _import_settings(reading)}
     try:
         with ExitStack() as copies:
-            found, faults = _find(served, paths, copies)
+            found, faults = find_named(served, paths, copies)
             stamps = {each: stamp_of(*place) for each, place in found.items() if place}
             outcomes, said = ingest_here(served.archive, [*found], **options) if found else ({}, "")
             for path, outcome in outcomes.items():
                 place = found.get(Path(path))
                 if place and outcome.status == "refused" and reading == Reading():
-                    _move_away(*place, stamps[Path(path)], outcome.reason)
+                    move_away(*place, stamps[Path(path)], outcome.reason)
     except (InputError, ArchiveError, OSError) as error:
         return Failed(message=str(error))
     if found and not outcomes:
@@ -168,7 +166,7 @@ def digitize(
         options["settings"] = {"pose_fitting": {"method": method}}
     try:
         path = check_within(capture, served.roots)
-        if (found := _inbox_of(served, path)) is None:
+        if (found := inbox_of(served, path)) is None:
             if is_url(path):
                 raise InputError(f"{path!r} lies in no inbox; captures are read from there")
             return _digitize(served, Path(path), options)
@@ -177,7 +175,7 @@ def digitize(
         with fetched(inbox, name) as copy:
             state = _digitize(served, copy, options)
         if state.name == REFUSED:
-            _move_away(inbox, name, stamp, state.message or "")
+            move_away(inbox, name, stamp, state.message or "")
         return state
     except (InputError, ArchiveError) as error:
         return _refused(error)
@@ -227,7 +225,7 @@ def search(
     below = (threshold or None) if level == "any" else level
     settings = replace(settings, threshold=threshold_of(below, settings))
     try:
-        asked = _check_query(served, query)
+        asked = check_query(served, query)
         answer = search_archive.fn(served.archive, asked, settings, takes or None)
     except ValueError as error:  # of the input, the archive, an unknown name, or a setting
         return _refused(error)
@@ -305,64 +303,6 @@ def _digitize(served: Served, path: Path, options: dict[str, Any]) -> State[Any]
     outcome = digitize_here(served.archive, path, **options)
     faults = [outcome.reason] if outcome.reason else []
     return state_of(Counter([outcome.status]), faults)
-
-
-def _find(
-    served: Served, paths: list[str], copies: ExitStack
-) -> tuple[dict[Path, tuple[Inbox, str] | None], list[str]]:
-    """Return the recordings that a form names, where they lie in an inbox, and what is not there.
-
-    What is in an object store is copied here, until `copies` is closed.
-    """
-    found: dict[Path, tuple[Inbox, str] | None] = {}
-    faults = []
-    for given in paths:
-        try:
-            path = check_within(given, served.roots)
-            place = _inbox_of(served, path)
-            if is_url(path):
-                if place is None:
-                    raise InputError(f"{path!r} lies in no inbox; files are read from there")
-                found[copies.enter_context(fetched(*place))] = place
-                continue
-            for each in find_recordings([path]):
-                found.setdefault(each, _inbox_of(served, str(each)))
-        except (InputError, ArchiveError, OSError) as error:
-            faults.append(str(error))
-    return found, faults
-
-
-def _move_away(inbox: Inbox, name: str, stamp: str, reason: str) -> None:
-    """Move what is bad to quarantine, unless it was written to meanwhile, and so read half."""
-    try:
-        if stamp_of(inbox, name) == stamp:
-            move_to_quarantine(inbox, name, reason)
-    except OSError as error:
-        logger.error("%r is bad and stays, for it cannot be moved: %s", name, error)
-
-
-def _check_query(served: Served, query: str) -> str:
-    """Return a query whose file, if it is one, lies in a root."""
-    from tasks.retrieval.answering import parse_query
-
-    name, clip = parse_query(query)
-    frames = "" if clip is None else query[len(name) :]
-    if Path(name).suffix.lower() in MOTION_SUFFIXES:
-        return check_within(name, served.roots) + frames
-    if "/" in name or "\\" in name or name.startswith("."):
-        raise UnknownNameError(f"{name!r} is neither the name of a take nor a motion file")
-    return query
-
-
-def _inbox_of(served: Served, path: str) -> tuple[Inbox, str] | None:
-    """Return the inbox that a path lies in, and the path there."""
-    for location in served.inboxes:
-        inbox = open_inbox(location, served.archive)
-        above = f"{inbox.location.rstrip('/')}/"
-        for each in (path,) if is_url(path) else (path, str(Path(path).resolve())):
-            if each.startswith(above):
-                return inbox, each.removeprefix(above)
-    return None
 
 
 def _import_settings(reading: Reading) -> Any:

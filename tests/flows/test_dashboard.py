@@ -17,7 +17,6 @@ from flows.dashboard import (
 )
 from flows.links import VIEWER_URL, artifact_key, viewer_url
 from flows.progress import ASSEMBLING
-from flows.service.summarizing import told_once
 from storage import create_archive, open_archive
 from storage.archive import Take
 from storage.records import Record
@@ -148,14 +147,6 @@ def test_matches_are_a_table_without_links_where_no_viewer_is_known(answer):
     ]
     assert "<" not in first["title"]
     assert not re.search(r"(?<!\\)\]\(", first["title"])
-
-
-def test_what_failed_again_and_again_is_told_once():
-    again = [("scan", f"no disk (tried again after {pause} s)") for pause in (240, 120, 60)]
-    assert told_once([*again[:2], ("index", "broke"), again[2]]) == [
-        ("scan", "no disk (3 times)"),
-        ("index", "broke"),
-    ]
 
 
 def test_a_column_that_would_be_empty_is_left_out(answer):

@@ -92,6 +92,35 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return list(dict.fromkeys(path.absolute() for path in found))
 
 
+def recordings_below(folder: Path) -> list[Path]:
+    """Collect the motion files and the captures below a folder, each folder once.
+
+    Links to folders come last: what lies there already keeps the path that it had.
+    """
+    found: list[Path] = []
+    seen: set[tuple[int, int]] = set()
+    waiting = [folder]
+    while waiting:
+        for place, folders, names in os.walk(waiting.pop(0)):
+            above = Path(place)
+            if _identity(above) in seen:
+                folders.clear()
+                continue
+            seen.add(_identity(above))
+            if MARK in names:
+                found.append(above)
+                folders.clear()
+                continue
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            waiting += [above / name for name in folders if (above / name).is_symlink()]
+            found += [
+                above / name
+                for name in names
+                if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
+            ]
+    return found
+
+
 def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
     """Give each motion file and capture the take that it becomes, without looking inside.
 
@@ -128,40 +157,6 @@ def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
         claimed[recording.take] = str(path)
         plan.recordings.append(recording)
     return plan
-
-
-def _plan_capture(
-    archive: Archive, folder: Path, digests: dict[str, str], claimed: dict[str, str]
-) -> Recording:
-    """Return the take that a capture becomes, or one without a name where it came before."""
-    said = read_capture_toml(folder, [], [])  # what is wrong in it is said by its reader
-    digest = digest_capture(folder)
-    if digest in digests:
-        return Recording(str(folder), digest, "", {}, None, "capture")
-    known = take_of_content(archive.place, digest)
-    take = known if known and known not in claimed else take_name(said.take)
-    record = read_record(archive.place, take)
-    if take in claimed or (record and not _made_from(record, folder, digest)):
-        holder = claimed.get(take) or (record.source["path"] if record else "another run")
-        raise InputError(
-            f"the name {take!r} is already the take of {holder}; rename the folder, or give it "
-            f'another name by id = "..." under [take] in {MARK}'
-        )
-    return Recording(str(folder), digest, take, said.metadata, said.stature_m, "capture")
-
-
-def _plan_file(
-    archive: Archive, file: Path, digests: dict[str, str], claimed: dict[str, str]
-) -> Recording:
-    """Return the take that a motion file becomes, or one without a name where it came before."""
-    digest = digest_file(file)
-    if digest in digests and file.stat().st_size:
-        return Recording(str(file), digest, "", {})
-    metadata = read_metadata(file)
-    take = _choose_take(archive, file, digest, metadata, claimed)
-    stature_m = _stature(file, metadata)
-    kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
-    return Recording(str(file), digest, take, kept, stature_m)
 
 
 def digest_capture(folder: Path) -> str:
@@ -209,72 +204,38 @@ def metadata_beside(motion_file: Path) -> Path | None:
     return next((each for each in path.parent.iterdir() if normalized(each.name) == name), None)
 
 
-def _name_fault(path: Path) -> str | None:
-    """Say what is wrong with a name that is no text; records and other systems hold only texts."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return f"the name {_shown(path)!r} is not UTF-8; rename it"
-    return None
+def _plan_capture(
+    archive: Archive, folder: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a capture becomes, or one without a name where it came before."""
+    said = read_capture_toml(folder, [], [])  # what is wrong in it is said by its reader
+    digest = digest_capture(folder)
+    if digest in digests:
+        return Recording(str(folder), digest, "", {}, None, "capture")
+    known = take_of_content(archive.place, digest)
+    take = known if known and known not in claimed else take_name(said.take)
+    record = read_record(archive.place, take)
+    if take in claimed or (record and not _made_from(record, folder, digest)):
+        holder = claimed.get(take) or (record.source["path"] if record else "another run")
+        raise InputError(
+            f"the name {take!r} is already the take of {holder}; rename the folder, or give it "
+            f'another name by id = "..." under [take] in {MARK}'
+        )
+    return Recording(str(folder), digest, take, said.metadata, said.stature_m, "capture")
 
 
-def _shown(path: Path) -> str:
-    """Return a path with what is no text written as numbers."""
-    return str(path).encode(errors="surrogateescape").decode(errors="backslashreplace")
-
-
-def _content_lines(folder: Path, within: str, seen: dict[tuple[int, int], str]) -> Iterator[str]:
-    """Yield a line a file below a folder: its name and the digest of its content.
-
-    A folder that links lead to again is named by where it was seen first, so no loop is entered.
-    """
-    for path in sorted(folder.iterdir(), key=lambda path: path.name):
-        name = f"{within}{path.name}"
-        if path.name.startswith(".") or name == SETTINGS_FILE:
-            continue
-        if path.is_dir():
-            first = seen.setdefault(_identity(path), name)
-            if first == name:
-                yield from _content_lines(path, f"{name}/", seen)
-            else:
-                yield f"{name}/\0{first}/\n"
-        elif path.is_file():
-            yield f"{name}\0{digest_file(path)}\n"
-
-
-def _identity(folder: Path) -> tuple[int, int]:
-    """Return what a folder is, whatever links lead to it."""
-    status = folder.stat()
-    return status.st_dev, status.st_ino
-
-
-def recordings_below(folder: Path) -> list[Path]:
-    """Collect the motion files and the captures below a folder, each folder once.
-
-    Links to folders come last: what lies there already keeps the path that it had.
-    """
-    found: list[Path] = []
-    seen: set[tuple[int, int]] = set()
-    waiting = [folder]
-    while waiting:
-        for place, folders, names in os.walk(waiting.pop(0)):
-            above = Path(place)
-            if _identity(above) in seen:
-                folders.clear()
-                continue
-            seen.add(_identity(above))
-            if MARK in names:
-                found.append(above)
-                folders.clear()
-                continue
-            folders[:] = sorted(name for name in folders if not name.startswith("."))
-            waiting += [above / name for name in folders if (above / name).is_symlink()]
-            found += [
-                above / name
-                for name in names
-                if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
-            ]
-    return found
+def _plan_file(
+    archive: Archive, file: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a motion file becomes, or one without a name where it came before."""
+    digest = digest_file(file)
+    if digest in digests and file.stat().st_size:
+        return Recording(str(file), digest, "", {})
+    metadata = read_metadata(file)
+    take = _choose_take(archive, file, digest, metadata, claimed)
+    stature_m = _stature(file, metadata)
+    kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
+    return Recording(str(file), digest, take, kept, stature_m)
 
 
 def _choose_take(
@@ -332,3 +293,42 @@ def _refusal(file: Path, error: Exception) -> Refusal:
     logger.debug("%s cannot be planned", file, exc_info=error)
     reason = f"{file}: {type(error).__name__}: {error}; tell the authors of shosa"
     return Refusal(str(file), reason, broken=True)
+
+
+def _name_fault(path: Path) -> str | None:
+    """Say what is wrong with a name that is no text; records and other systems hold only texts."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return f"the name {_shown(path)!r} is not UTF-8; rename it"
+    return None
+
+
+def _shown(path: Path) -> str:
+    """Return a path with what is no text written as numbers."""
+    return str(path).encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
+def _content_lines(folder: Path, within: str, seen: dict[tuple[int, int], str]) -> Iterator[str]:
+    """Yield a line a file below a folder: its name and the digest of its content.
+
+    A folder that links lead to again is named by where it was seen first, so no loop is entered.
+    """
+    for path in sorted(folder.iterdir(), key=lambda path: path.name):
+        name = f"{within}{path.name}"
+        if path.name.startswith(".") or name == SETTINGS_FILE:
+            continue
+        if path.is_dir():
+            first = seen.setdefault(_identity(path), name)
+            if first == name:
+                yield from _content_lines(path, f"{name}/", seen)
+            else:
+                yield f"{name}/\0{first}/\n"
+        elif path.is_file():
+            yield f"{name}\0{digest_file(path)}\n"
+
+
+def _identity(folder: Path) -> tuple[int, int]:
+    """Return what a folder is, whatever links lead to it."""
+    status = folder.stat()
+    return status.st_dev, status.st_ino

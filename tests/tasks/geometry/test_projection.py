@@ -1,5 +1,6 @@
 """What pixels look along, against a twin that undoes the lens by another method."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,11 +12,10 @@ LENSES = [[0.0] * 5, [-0.1, 0.02, 0.001, -0.002, 0.0], [-0.21, 0.06, 0.003, -0.0
 
 @pytest.fixture
 def projection():
-    """Three cameras about the origin, each with another lens."""
-    pose = np.zeros((3, 3, 4))
-    for n in range(3):
-        s, c = np.sin(2.1 * n), np.cos(2.1 * n)
-        pose[n] = [[c, 0, s, 0.1], [0, -1, 0, 1.0], [s, 0, -c, 3.0 + n]]
+    """Three cameras, each turned in its own way and with another lens."""
+    rng = np.random.default_rng(8)
+    turns = [cv2.Rodrigues(rng.normal(0, 1, 3))[0] for _ in range(3)]
+    pose = np.stack([np.column_stack([turn, rng.normal([0, 0, 9], 1)]) for turn in turns])
     inner = np.array([[610.0, 0, 333.0], [0, 590.0, 229.0], [0, 0, 1]])
     size = np.array([[640, 480]] * 3)
     return Projection(pose, np.array([inner] * 3), np.array(LENSES), size)

@@ -250,7 +250,7 @@ def gc(older_than_hours: Annotated[float, Field(ge=1, le=24 * 366)] = 24.0) -> S
     Args:
         older_than_hours: Leave alone what is younger, as somebody may still write or read it.
     """
-    from storage.garbage import collect_garbage, kept_from_garbage
+    from storage.upkeep.garbage import collect_garbage, kept_from_garbage
 
     place = open_archive(_begin().archive).place
     removed = collect_garbage(place, older_than=timedelta(hours=older_than_hours))

@@ -13,7 +13,7 @@ from storage.describing import own_metadata
 from storage.index.entries import Entry
 from storage.recordings import Recording
 from storage.records import Record, read_record
-from storage.verification import damaged_files
+from storage.upkeep.verification import damaged_files
 from tasks.engine.fingerprints import code_behind
 
 _CODE = {

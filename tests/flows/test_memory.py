@@ -11,7 +11,7 @@ import pytest
 from storage import open_archive
 from storage.places import list_files
 from storage.sources import take_of_content
-from storage.verification import verify_take
+from storage.upkeep.verification import verify_take
 from tasks.engine import fingerprints
 from tasks.motion.importing import ImportSettings
 from tasks.takes.identity import is_of_other_code

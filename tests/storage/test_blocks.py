@@ -18,9 +18,9 @@ from storage.blocks import (
     write_block,
 )
 from storage.errors import ArchiveError
-from storage.garbage import collect_garbage
 from storage.kept import VARIABLE, Kept
 from storage.places import list_files, read_file
+from storage.upkeep.garbage import collect_garbage
 
 DIGEST = "abcdef0123456789" * 4
 

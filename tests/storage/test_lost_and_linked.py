@@ -13,12 +13,17 @@ import pytest
 from storage import create_archive
 from storage.arrays.search import open_search_array, search_array_path, verify_search_array
 from storage.errors import ArchiveError, InputError
-from storage.garbage import collect_garbage, kept_from_garbage, lost_versions, unpublished_versions
 from storage.places import open_place, read_file
 from storage.publication import publish_record, version_folder
 from storage.recordings import find_recordings, plan_takes
 from storage.records import read_record
-from storage.verification import damaged_files, verify_records, verify_take
+from storage.upkeep.garbage import (
+    collect_garbage,
+    kept_from_garbage,
+    lost_versions,
+    unpublished_versions,
+)
+from storage.upkeep.verification import damaged_files, verify_records, verify_take
 from tests.figures.archives.takes import publish, write_version
 
 NOW = timedelta(0)

@@ -9,12 +9,12 @@ import pytest
 from storage import create_archive, open_archive
 from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ConflictError, InputError, PlaceError
-from storage.garbage import collect_garbage
 from storage.index.segments import FOLDER
 from storage.index.snapshots import verify_snapshot
 from storage.places import list_files, write_file
 from storage.publication import publish_record
-from storage.verification import verify_take
+from storage.upkeep.garbage import collect_garbage
+from storage.upkeep.verification import verify_take
 from tasks.retrieval.gathering import gather_segments
 from tests.conftest import cases
 from tests.figures.archives.packed_takes import PlainTakes, read_all

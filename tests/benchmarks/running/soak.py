@@ -25,8 +25,8 @@ from flows.server import is_healthy
 from flows.service.processes import served_processes
 from storage import open_archive
 from storage.formats.motion.trc import write_trc
-from storage.garbage import collect_garbage
 from storage.schema import JOINTS
+from storage.upkeep.garbage import collect_garbage
 from tasks.checks.upkeep import verify_archive
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from storage import open_archive, places
-from storage.verification import verify_take
+from storage.upkeep.verification import verify_take
 from tests.figures.slow_stores import slow_way
 from tests.flows.service.conftest import BROKEN
 

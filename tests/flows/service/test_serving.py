@@ -21,7 +21,7 @@ from flows.service.environment import environment_of
 from flows.service.processes import served_processes
 from flows.service.served import ENDED, Served, ServingError
 from storage import open_archive
-from storage.verification import verify_take
+from storage.upkeep.verification import verify_take
 from tests.conftest import HANGING_S, MEASURED, ROOT
 
 BROKEN = "PathFileType\t4\n"

@@ -10,10 +10,10 @@ import pytest
 
 from storage import create_archive, open_archive
 from storage.errors import DamagedSegmentError
-from storage.garbage import collect_garbage, kept_from_garbage
 from storage.index import segments, snapshots
 from storage.index.segments import FOLDER
 from storage.index.snapshots import open_snapshot, verify_snapshot
+from storage.upkeep.garbage import collect_garbage, kept_from_garbage
 from tasks.retrieval import archive_search, opening
 from tasks.retrieval.gathering import gather_segments
 from tasks.retrieval.searching import Found, Match, SearchSettings

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from storage import create_archive, open_archive
 from storage.errors import PlaceError
-from storage.garbage import collect_garbage
 from storage.index import segments, snapshots
 from storage.index.snapshots import open_snapshot, verify_snapshot
 from storage.publication import publish_record
+from storage.upkeep.garbage import collect_garbage
 from tasks.retrieval import gathering, opening
 from tasks.retrieval.gathering import gather_segments, gather_when_many
 from tasks.retrieval.pruned.summaries import SUMMARIES

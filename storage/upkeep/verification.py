@@ -3,7 +3,6 @@
 import json
 
 from storage.errors import ArchiveError
-from storage.garbage import tell_lost
 from storage.places import Place, list_names, read_file
 from storage.publication import describe_files, version_folder
 from storage.records import (
@@ -15,6 +14,7 @@ from storage.records import (
     record_path,
 )
 from storage.sources import list_sources
+from storage.upkeep.garbage import tell_lost
 
 
 def verify_take(place: Place, take: str) -> list[str]:

@@ -5,9 +5,10 @@ import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tasks.retrieval.archive_search import Cluster
+if TYPE_CHECKING:
+    from tasks.retrieval.archive_search import Cluster
 
 THREADS, DASK = "threads", "dask"
 
@@ -59,7 +60,7 @@ def scheduler_address(name: str) -> str | None:
 
 
 @contextmanager
-def search_cluster(name: str) -> Iterator[Cluster | None]:
+def search_cluster(name: str) -> "Iterator[Cluster | None]":
     """Give what searches the segments of an index; None for the threads of this process.
 
     Parameters
@@ -77,6 +78,8 @@ def search_cluster(name: str) -> Iterator[Cluster | None]:
         return
     address = scheduler_address(name)
     from distributed import Client, LocalCluster
+
+    from tasks.retrieval.archive_search import Cluster
 
     with ExitStack() as stack:
         local: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None}

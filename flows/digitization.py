@@ -21,7 +21,8 @@ from storage.errors import ArchiveError, InputError, PlaceError
 from storage.formats.capture.capture import capture_of
 from storage.formats.capture.capture_toml import MARK
 from storage.formats.settings_toml import SETTINGS_FILE, read_capture_settings
-from storage.recordings import Recording, plan_takes, remember_source, take_of_content
+from storage.recordings import Recording, plan_takes
+from storage.sources import remember_source, take_of_content
 from tasks.cached import run_once
 from tasks.engine.compiling import compiling_beside
 from tasks.retrieval.gathering import gather_when_many
@@ -133,8 +134,8 @@ def make_take(
     changed = changed_settings(chosen)
     reason, record = why_anew(opened, recording, changed)
     if record and not reason and not again:
-        if take_of_content(opened, recording.digest) is None:
-            remember_source(opened, record)  # of a run that was killed before
+        if take_of_content(opened.place, recording.digest) is None:
+            remember_source(opened.place, record)  # of a run that was killed before
         return {**asdict(record), "published": False}
     if record and record.source["digest"] == recording.digest:
         logger.info("%s is digitized anew: %s", recording.take, reason or "it was asked for")

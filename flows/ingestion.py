@@ -30,14 +30,9 @@ from flows.server import is_server_fault, tell_server_is_gone
 from storage import create_archive, open_archive
 from storage.archive import Archive
 from storage.errors import ArchiveError, ConflictError, InputError, PlaceError
-from storage.recordings import (
-    Recording,
-    find_recordings,
-    plan_takes,
-    remember_source,
-    take_of_content,
-)
+from storage.recordings import Recording, find_recordings, plan_takes
 from storage.records import read_record
+from storage.sources import remember_source, take_of_content
 from tasks.motion.importing import (
     ImportSettings,
     changed_import_settings,
@@ -351,8 +346,8 @@ def _unchanged(
         return None  # said where it is taken in
     if record is None:
         return None
-    if take_of_content(opened, recording.digest) is None:
-        remember_source(opened, record)  # of a run that was killed before
+    if take_of_content(opened.place, recording.digest) is None:
+        remember_source(opened.place, record)  # of a run that was killed before
     if (
         "motion" in record.stages
         and find_index(opened.location, record.take, record.version) is None

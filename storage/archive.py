@@ -166,9 +166,7 @@ class Take:
         return open_voxels(self.place, self.folder, self.record.files)
 
     def _group(self, name: str) -> "xarray.Dataset":
-        from storage.arrays.groups import (
-            open_group,
-        )  # xarray and Zarr: 0.6 s that a search need not pay
+        from storage.arrays.groups import open_group  # xarray and Zarr: 0.6 s
 
         self._check_stage(name)
         return open_group(self.place, self.folder, name, self.record.files)

@@ -1,4 +1,7 @@
-"""Open files, whoever wrote them: only regular ones, as a pipe or a device may never end."""
+"""Files on this machine: only regular ones are opened, and what is written is whole or not there.
+
+Whoever wrote them: a pipe or a device may never end.
+"""
 
 import errno
 import os
@@ -59,10 +62,39 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
         raise
 
 
-def read_regular(path: Path) -> bytes:
-    """Return what a regular file holds; raises as `open_regular`."""
-    with open_regular(path) as file:
-        return file.read()
+def write_beside(path: Path, content: bytes) -> None:
+    """Write a file beside its place and rename it, so that no half of it is ever seen there.
+
+    Raises
+    ------
+    OSError
+        The disk is full or cannot be written; nothing is left behind.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def cache_folder(kind: str, key: str) -> Path:
+    """Return where copies of what lies in an object store are kept, as the user wants it.
+
+    Parameters
+    ----------
+    kind
+        What they are copies of: "inbox" or "index".
+    key
+        What tells them from those of another place.
+    """
+    # absolute, but with links: a link in the home would be another's path
+    above = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()
+    return above / "shosa" / kind / key
 
 
 def _refuse_others(path: str | os.PathLike[str], mode: int) -> None:

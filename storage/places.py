@@ -21,8 +21,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
 
 from storage.errors import ArchiveError, InputError, PlaceError
-from storage.files import NotRegularError
-from storage.files import check_regular as refuse_pipes
+from storage.files import NotRegularError, check_regular
 
 _RETRY: Any = {"max_retries": 4, "retry_timeout": timedelta(seconds=30)}
 _AT_ONCE = 8
@@ -30,6 +29,9 @@ _DELETE_AT_ONCE = 1000  # what one request of S3 takes
 _NO_CREDENTIALS = r"169\.254\.169\.254|metadata\.google|credential|instance.metadata"
 """What an object store's client says where it was given no key [pattern]. It then asks the machine
 itself for one, at an address that only rented machines have."""
+_OF_SYSTEMS = re.compile(r"(^|/)(\..*|Thumbs\.db|desktop\.ini|@eaDir(/.*)?)$", re.IGNORECASE)
+"""What file managers and network drives leave in folders [pattern of paths]. No file of ours begins
+with a dot but while it is written."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def read_file(place: Place, path: str) -> bytes:
     """
     with told(f"read {place.url(path)}"):
         if place.folder:
-            return check_regular(place.folder / path).read_bytes()
+            return regular_file(place.folder / path).read_bytes()
         return bytes(obstore.get(place.store, path).bytes())
 
 
@@ -113,13 +115,13 @@ def read_range(place: Place, path: str, start: int, end: int) -> bytes:
     """Return the bytes of a file from `start` to before `end`; raises as `read_file`."""
     with told(f"read {place.url(path)}"):
         if place.folder:
-            with check_regular(place.folder / path).open("rb") as file:
+            with regular_file(place.folder / path).open("rb") as file:
                 file.seek(start)
                 return file.read(end - start)
         return bytes(obstore.get_range(place.store, path, start=start, end=end))
 
 
-def check_regular(path: Path) -> Path:
+def regular_file(path: Path) -> Path:
     """Return the path of a file of an archive, which reading can not wait on for ever.
 
     Raises
@@ -130,14 +132,11 @@ def check_regular(path: Path) -> Path:
         If a folder, a pipe or a device is in its place.
     """
     try:
-        refuse_pipes(path)
+        check_regular(path)
     except NotADirectoryError:
         raise FileNotFoundError(f"there is no {path}") from None
     except NotRegularError as error:
-        raise ArchiveError(
-            f"{path} is no regular file, but {error.kind}; remove it, then see what `shosa verify` "
-            "says"
-        ) from error
+        raise _not_regular(error) from error
     if path.is_dir():
         raise ArchiveError(
             f"{path} is no regular file; put the file back from a copy, or remove what is there"
@@ -218,6 +217,11 @@ def is_own(place: Place, path: str) -> bool:
     return not place.folder or not any((place.folder / each).is_symlink() for each in above[:-1])
 
 
+def is_of_system(path: str) -> bool:
+    """Say whether a file is one that file managers and network drives leave in folders."""
+    return _OF_SYSTEMS.search(path) is not None
+
+
 def delete_files(place: Place, paths: Sequence[str]) -> None:
     """Remove the files, and on a disk the folders that this leaves empty.
 
@@ -292,12 +296,17 @@ def told(action: str) -> Iterator[None]:
     except (FileNotFoundError, PlaceError):
         raise
     except NotRegularError as error:
-        raise ArchiveError(
-            f"{error.filename} is no regular file, but {error.kind}; remove it, then see what "
-            "`shosa verify` says"
-        ) from error
+        raise _not_regular(error) from error
     except (OSError, BaseError) as error:
         raise PlaceError(f"cannot {action}: {_reason(error)}") from error
+
+
+def _not_regular(error: NotRegularError) -> ArchiveError:
+    """Return what is said of a pipe, a socket or a device in a file's place."""
+    return ArchiveError(
+        f"{error.filename} is no regular file, but {error.kind}; remove it, then see what "
+        "`shosa verify` says"
+    )
 
 
 def _reason(error: Exception) -> str:
@@ -365,7 +374,7 @@ def _check_below(folder: Path) -> None:
     for above, _, names in os.walk(folder):
         for name in names:
             with suppress(FileNotFoundError):
-                check_regular(Path(above, name))
+                regular_file(Path(above, name))
 
 
 def _sync(path: Path) -> None:

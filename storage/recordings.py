@@ -1,7 +1,6 @@
 """What users bring: motion files and captures in folders, what they are called, who danced."""
 
 import hashlib
-import json
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -18,10 +17,9 @@ from storage.formats.capture.capture_toml import MARK, read_capture_toml
 from storage.formats.encodings import normalized
 from storage.formats.settings_toml import SETTINGS_FILE
 from storage.formats.toml_text import NotTomlError, plain_metadata, read_toml
-from storage.places import write_file
 from storage.provenance import digest_file
-from storage.publication import read_source
 from storage.records import Record, read_record
+from storage.sources import take_of_content
 
 logger = logging.getLogger(__name__)
 
@@ -94,6 +92,35 @@ def find_recordings(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return list(dict.fromkeys(path.absolute() for path in found))
 
 
+def recordings_below(folder: Path) -> list[Path]:
+    """Collect the motion files and the captures below a folder, each folder once.
+
+    Links to folders come last: what lies there already keeps the path that it had.
+    """
+    found: list[Path] = []
+    seen: set[tuple[int, int]] = set()
+    waiting = [folder]
+    while waiting:
+        for place, folders, names in os.walk(waiting.pop(0)):
+            above = Path(place)
+            if _identity(above) in seen:
+                folders.clear()
+                continue
+            seen.add(_identity(above))
+            if MARK in names:
+                found.append(above)
+                folders.clear()
+                continue
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            waiting += [above / name for name in folders if (above / name).is_symlink()]
+            found += [
+                above / name
+                for name in names
+                if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
+            ]
+    return found
+
+
 def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
     """Give each motion file and capture the take that it becomes, without looking inside.
 
@@ -130,40 +157,6 @@ def plan_takes(archive: Archive, paths: Sequence[Path]) -> Plan:
         claimed[recording.take] = str(path)
         plan.recordings.append(recording)
     return plan
-
-
-def _plan_capture(
-    archive: Archive, folder: Path, digests: dict[str, str], claimed: dict[str, str]
-) -> Recording:
-    """Return the take that a capture becomes, or one without a name where it came before."""
-    said = read_capture_toml(folder, [], [])  # what is wrong in it is said by its reader
-    digest = digest_capture(folder)
-    if digest in digests:
-        return Recording(str(folder), digest, "", {}, None, "capture")
-    known = take_of_content(archive, digest)
-    take = known if known and known not in claimed else take_name(said.take)
-    record = read_record(archive.place, take)
-    if take in claimed or (record and not _made_from(record, folder, digest)):
-        holder = claimed.get(take) or (record.source["path"] if record else "another run")
-        raise InputError(
-            f"the name {take!r} is already the take of {holder}; rename the folder, or give it "
-            f'another name by id = "..." under [take] in {MARK}'
-        )
-    return Recording(str(folder), digest, take, said.metadata, said.stature_m, "capture")
-
-
-def _plan_file(
-    archive: Archive, file: Path, digests: dict[str, str], claimed: dict[str, str]
-) -> Recording:
-    """Return the take that a motion file becomes, or one without a name where it came before."""
-    digest = digest_file(file)
-    if digest in digests and file.stat().st_size:
-        return Recording(str(file), digest, "", {})
-    metadata = read_metadata(file)
-    take = _choose_take(archive, file, digest, metadata, claimed)
-    stature_m = _stature(file, metadata)
-    kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
-    return Recording(str(file), digest, take, kept, stature_m)
 
 
 def digest_capture(folder: Path) -> str:
@@ -211,10 +204,95 @@ def metadata_beside(motion_file: Path) -> Path | None:
     return next((each for each in path.parent.iterdir() if normalized(each.name) == name), None)
 
 
-def remember_source(archive: Archive, record: Record) -> None:
-    """Write which take a content became, so that the same content is never taken in twice."""
-    content = json.dumps({"take": record.take}).encode()
-    write_file(archive.place, _source_path(record.source["digest"]), content)
+def _plan_capture(
+    archive: Archive, folder: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a capture becomes, or one without a name where it came before."""
+    said = read_capture_toml(folder, [], [])  # what is wrong in it is said by its reader
+    digest = digest_capture(folder)
+    if digest in digests:
+        return Recording(str(folder), digest, "", {}, None, "capture")
+    known = take_of_content(archive.place, digest)
+    take = known if known and known not in claimed else take_name(said.take)
+    record = read_record(archive.place, take)
+    if take in claimed or (record and not _made_from(record, folder, digest)):
+        holder = claimed.get(take) or (record.source["path"] if record else "another run")
+        raise InputError(
+            f"the name {take!r} is already the take of {holder}; rename the folder, or give it "
+            f'another name by id = "..." under [take] in {MARK}'
+        )
+    return Recording(str(folder), digest, take, said.metadata, said.stature_m, "capture")
+
+
+def _plan_file(
+    archive: Archive, file: Path, digests: dict[str, str], claimed: dict[str, str]
+) -> Recording:
+    """Return the take that a motion file becomes, or one without a name where it came before."""
+    digest = digest_file(file)
+    if digest in digests and file.stat().st_size:
+        return Recording(str(file), digest, "", {})
+    metadata = read_metadata(file)
+    take = _choose_take(archive, file, digest, metadata, claimed)
+    stature_m = _stature(file, metadata)
+    kept = {key: value for key, value in metadata.items() if key not in ("id", "stature_m")}
+    return Recording(str(file), digest, take, kept, stature_m)
+
+
+def _choose_take(
+    archive: Archive, file: Path, digest: str, metadata: dict[str, Any], claimed: dict[str, str]
+) -> str:
+    """Return the name of the take that a file becomes, or refuse it."""
+    known = take_of_content(archive.place, digest)
+    if known and known not in claimed:
+        return known
+    if "id" in metadata:
+        wanted = [take_name(str(metadata["id"]))]
+    else:
+        wanted = [take_name(file.stem), take_name(f"{file.parent.name}-{file.stem}")]
+    holders: list[str] = []
+    for name in wanted:
+        record = read_record(archive.place, name)
+        if name not in claimed and (record is None or _made_from(record, file, digest)):
+            return name
+        holders.append(claimed.get(name) or (record.source["path"] if record else "another run"))
+    raise InputError(
+        f"the name {wanted[0]!r} is already the take of {holders[0]}; rename the file, or give it "
+        f'another name by id = "..." under [take] in {file.with_suffix(".toml").name}'
+    )
+
+
+def _made_from(record: Record, file: Path, digest: str) -> bool:
+    """Say whether a take was made from this file, or an earlier state of it."""
+    return record.source["digest"] == digest or record.source["path"] == str(file)
+
+
+def _stature(file: Path, metadata: dict[str, Any]) -> float | None:
+    """Return the stature that the metadata give."""
+    stature_m = metadata.get("stature_m")
+    if stature_m is None:
+        return None
+    is_number = isinstance(stature_m, int | float) and not isinstance(stature_m, bool)
+    if not is_number or not 0.3 < stature_m < 3.0:
+        raise InputError(
+            f"stature_m = {as_shown(stature_m)} in {file.with_suffix('.toml').name} should be a "
+            "number of metres between 0.3 and 3"
+        )
+    return float(stature_m)
+
+
+def _refusal(file: Path, error: Exception) -> Refusal:
+    """Return an error as one sentence that names the file."""
+    if isinstance(error, NotRegularError):
+        return Refusal(str(file), f"{error.filename} is no regular file, but {error.kind}")
+    if isinstance(error, PlaceError | ArchiveError):
+        return Refusal(str(file), f"{file}: {error}", broken=True)
+    if isinstance(error, OSError):  # the disk that it is on, or who may read it
+        return Refusal(str(file), f"{file} cannot be read: {error.strerror or error}", broken=True)
+    if isinstance(error, InputError):
+        return Refusal(str(file), f"{file}: {error}")
+    logger.debug("%s cannot be planned", file, exc_info=error)
+    reason = f"{file}: {type(error).__name__}: {error}; tell the authors of shosa"
+    return Refusal(str(file), reason, broken=True)
 
 
 def _name_fault(path: Path) -> str | None:
@@ -254,100 +332,3 @@ def _identity(folder: Path) -> tuple[int, int]:
     """Return what a folder is, whatever links lead to it."""
     status = folder.stat()
     return status.st_dev, status.st_ino
-
-
-def recordings_below(folder: Path) -> list[Path]:
-    """Collect the motion files and the captures below a folder, each folder once.
-
-    Links to folders come last: what lies there already keeps the path that it had.
-    """
-    found: list[Path] = []
-    seen: set[tuple[int, int]] = set()
-    waiting = [folder]
-    while waiting:
-        for place, folders, names in os.walk(waiting.pop(0)):
-            above = Path(place)
-            if _identity(above) in seen:
-                folders.clear()
-                continue
-            seen.add(_identity(above))
-            if MARK in names:
-                found.append(above)
-                folders.clear()
-                continue
-            folders[:] = sorted(name for name in folders if not name.startswith("."))
-            waiting += [above / name for name in folders if (above / name).is_symlink()]
-            found += [
-                above / name
-                for name in names
-                if Path(name).suffix.lower() in MOTION_SUFFIXES and not name.startswith(".")
-            ]
-    return found
-
-
-def _choose_take(
-    archive: Archive, file: Path, digest: str, metadata: dict[str, Any], claimed: dict[str, str]
-) -> str:
-    """Return the name of the take that a file becomes, or refuse it."""
-    known = take_of_content(archive, digest)
-    if known and known not in claimed:
-        return known
-    if "id" in metadata:
-        wanted = [take_name(str(metadata["id"]))]
-    else:
-        wanted = [take_name(file.stem), take_name(f"{file.parent.name}-{file.stem}")]
-    holders: list[str] = []
-    for name in wanted:
-        record = read_record(archive.place, name)
-        if name not in claimed and (record is None or _made_from(record, file, digest)):
-            return name
-        holders.append(claimed.get(name) or (record.source["path"] if record else "another run"))
-    raise InputError(
-        f"the name {wanted[0]!r} is already the take of {holders[0]}; rename the file, or give it "
-        f'another name by id = "..." under [take] in {file.with_suffix(".toml").name}'
-    )
-
-
-def _made_from(record: Record, file: Path, digest: str) -> bool:
-    """Say whether a take was made from this file, or an earlier state of it."""
-    return record.source["digest"] == digest or record.source["path"] == str(file)
-
-
-def take_of_content(archive: Archive, digest: str) -> str | None:
-    """Return the take that this content became, if the take still says so."""
-    take = read_source(archive.place, _source_path(digest))
-    record = read_record(archive.place, take) if take else None
-    return take if record and record.source["digest"] == digest else None
-
-
-def _source_path(digest: str) -> str:
-    return f"sources/{digest}.json"
-
-
-def _stature(file: Path, metadata: dict[str, Any]) -> float | None:
-    """Return the stature that the metadata give."""
-    stature_m = metadata.get("stature_m")
-    if stature_m is None:
-        return None
-    is_number = isinstance(stature_m, int | float) and not isinstance(stature_m, bool)
-    if not is_number or not 0.3 < stature_m < 3.0:
-        raise InputError(
-            f"stature_m = {as_shown(stature_m)} in {file.with_suffix('.toml').name} should be a "
-            "number of metres between 0.3 and 3"
-        )
-    return float(stature_m)
-
-
-def _refusal(file: Path, error: Exception) -> Refusal:
-    """Return an error as one sentence that names the file."""
-    if isinstance(error, NotRegularError):
-        return Refusal(str(file), f"{error.filename} is no regular file, but {error.kind}")
-    if isinstance(error, PlaceError | ArchiveError):
-        return Refusal(str(file), f"{file}: {error}", broken=True)
-    if isinstance(error, OSError):  # the disk that it is on, or who may read it
-        return Refusal(str(file), f"{file} cannot be read: {error.strerror or error}", broken=True)
-    if isinstance(error, InputError):
-        return Refusal(str(file), f"{file}: {error}")
-    logger.debug("%s cannot be planned", file, exc_info=error)
-    reason = f"{file}: {type(error).__name__}: {error}; tell the authors of shosa"
-    return Refusal(str(file), reason, broken=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from urllib.parse import urlencode
 
 from storage.schema import JOINTS, parse_frames
-from tasks.retrieval.levels import LEVELS, level_thresholds
+from tasks.retrieval.meaning.levels import LEVELS, level_thresholds
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import SearchSettings
 from tasks.retrieval.weighting import GREATEST_WEIGHT

@@ -11,10 +11,10 @@ from storage.records import Record
 from storage.schema import JOINTS
 from tasks.rendering.drawing.stick_figures import FIGURE_LINES
 from tasks.retrieval.answering import Answer
-from tasks.retrieval.chance import Chance, one_in
 from tasks.retrieval.clips import explain_found
-from tasks.retrieval.explaining import Explanation, compared_about_shoulders
-from tasks.retrieval.levels import level_of
+from tasks.retrieval.meaning.chance import Chance, one_in
+from tasks.retrieval.meaning.explaining import Explanation, compared_about_shoulders
+from tasks.retrieval.meaning.levels import level_of
 from tasks.retrieval.normalization import INDEX_RATE_HZ, OTHER_SIDE
 from tasks.retrieval.searching import Match, Query, SearchSettings, clip_motion, clip_take
 from tasks.retrieval.segments import PackedTake

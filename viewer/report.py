@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from storage.formats.motion.writing import write_beside
+from storage.files import write_beside
 from storage.places import told
 from storage.provenance import now, shosa_version
 from storage.schema import JOINTS

@@ -52,15 +52,6 @@ def pack_track(position: NDArray[np.floating], first: int, step: int) -> bytes:
     return head + np.ascontiguousarray(steps, "<i2").tobytes()
 
 
-def unpack_track(content: bytes) -> tuple[NDArray[np.float64], int, int]:
-    """Return positions (time, joint, 3), the first frame and the step of `pack_track`."""
-    _, _, joints, frames, first, step, scale, *middle = _TRACK_HEAD.unpack_from(content)
-    steps = np.frombuffer(content, "<i2", offset=_TRACK_HEAD.size).reshape(joints, 3, frames)
-    numbers = np.cumsum(steps, axis=2, dtype=np.int16)
-    position = np.where(numbers == LOST, np.nan, numbers * scale).transpose(2, 0, 1)
-    return position + np.array(middle), first, step
-
-
 def make_palette(color: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return the colors that a take is shown with, and where each color is found in them.
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from flows.clusters import THREADS
 from flows.command import printing
 from flows.command.exits import BAD_INPUT, DONE, INTERRUPTED, RUN_FAILED, WRONG_USE
 from flows.command.options import (
@@ -28,6 +29,7 @@ from flows.command.options import (
     import_settings,
     query_settings,
     search_settings,
+    values_refused,
 )
 from flows.command.preparing import (
     compiling_early,
@@ -46,9 +48,6 @@ from storage.provenance import shosa_version
 from storage.recordings import find_recordings
 
 logger = logging.getLogger(__name__)
-
-_THREADS = "threads"
-"""The runner that is taken where none is named. As `flows.clusters.THREADS`, which imports much."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -144,7 +143,7 @@ def _add_ingest(commands: Any) -> None:
 def _add_runner(command: Any) -> None:
     command.add_argument(
         "--runner",
-        default=_THREADS,
+        default=THREADS,
         metavar="NAME",
         help="what computes: threads (default), dask, or dask://HOST:PORT of a scheduler",
     )
@@ -220,7 +219,7 @@ def _ingest(options: argparse.Namespace) -> int:
     recordings = find_recordings(options.paths)
     create_archive(options.archive)
     # what digitizes here; else workers compile and load what they need
-    here = options.runner == _THREADS and any(each.is_dir() for each in recordings)
+    here = options.runner == THREADS and any(each.is_dir() for each in recordings)
     with bars(quiet=options.quiet), compiling_early(wanted=here):
         outcomes = _run_ingestion(options, importing, settings, digitizes=here)
     printing.print_outcomes(outcomes, as_json=options.json)
@@ -238,10 +237,8 @@ def _run_ingestion(
     from flows.ingestion import run_ingestion
     from flows.runners import task_runner
 
-    try:
+    with values_refused():
         runner = task_runner(options.runner)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
     given = (options.archive, options.paths, importing, settings)
     with loading_early(wanted=digitizes):
         return run_ingestion(*given, again=options.again, runner=runner)
@@ -313,12 +310,8 @@ def _search(options: argparse.Namespace) -> int:
     if options.flow:
         check_before_flow(options)
         prepare_prefect()
-    try:
+    with values_refused():
         answer = _answer(options, arguments)
-    except (InputError, ArchiveError, UnknownNameError):
-        raise
-    except ValueError as error:  # a setting, refused by the search
-        raise UsageError(str(error)) from error
     printing.print_answer(answer, as_json=options.json)
     return DONE
 
@@ -327,29 +320,19 @@ def _export(options: argparse.Namespace) -> int:
     from tasks.exporting.joints import export_take
 
     clip = clip_of(options)
-    try:
+    with values_refused():
         notes = export_voxels_or_segment(options, clip)
-    except (InputError, ArchiveError):
-        raise
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    if notes is not None:
-        for note in notes:
-            printing.say(note)
-        return DONE
-    for note in export_take(options.archive, options.take, options.file, clip=clip):
+    if notes is None:
+        notes = export_take(options.archive, options.take, options.file, clip=clip)
+    for note in notes:
         printing.say(note)
     return DONE
 
 
 def _render(options: argparse.Namespace) -> int:
     clip = clip_of(options)
-    try:
+    with values_refused():
         render(options, clip)
-    except (InputError, ArchiveError):
-        raise
-    except ValueError as error:
-        raise UsageError(str(error)) from error
     return DONE
 
 

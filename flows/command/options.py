@@ -2,13 +2,14 @@
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from storage import open_archive
-from storage.errors import InputError
+from storage.errors import ArchiveError, InputError, UnknownNameError
 from storage.formats import MOTION_SUFFIXES
 from storage.kept import kept_limit
 from storage.schema import parse_frames
@@ -25,6 +26,20 @@ class UsageError(ValueError):
     """The command was called with values that do not go together."""
 
 
+@contextmanager
+def values_refused() -> Iterator[None]:
+    """Turn what is said of a value that means nothing into a UsageError.
+
+    What is the fault of an archive, a file or an unknown name is raised as it is.
+    """
+    try:
+        yield
+    except (InputError, ArchiveError, UnknownNameError, UsageError):
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
 def check_environment() -> None:
     """See that what the environment sets for a digitization means something, before it begins.
 
@@ -33,10 +48,8 @@ def check_environment() -> None:
     UsageError
         If it does not.
     """
-    try:
+    with values_refused():
         kept_limit()
-    except ValueError as error:
-        raise UsageError(str(error)) from error
 
 
 def add_search_options(command: argparse.ArgumentParser) -> None:
@@ -114,7 +127,7 @@ def search_settings(options: argparse.Namespace) -> "SearchSettings":
         With all that means nothing.
     """
     from tasks.retrieval.answering import parse_query
-    from tasks.retrieval.levels import threshold_of
+    from tasks.retrieval.meaning.levels import threshold_of
     from tasks.retrieval.searching import SearchSettings
     from tasks.retrieval.weighting import joint_weights
 
@@ -145,10 +158,8 @@ def digitization_settings(file: str | None) -> dict[str, Any]:
 
 def clip_of(options: argparse.Namespace) -> tuple[int, int] | None:
     """Return what `--frames` says; UsageError where it says nothing."""
-    try:
+    with values_refused():
         return parse_frames(options.frames) if options.frames is not None else None
-    except ValueError as error:
-        raise UsageError(str(error)) from None
 
 
 def check_hours(hours: float) -> None:

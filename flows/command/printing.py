@@ -227,7 +227,7 @@ def _what_it_means(answer: "Answer") -> Iterator[str]:
     """Yield what the columns `level` and `by chance` of a table of matches mean."""
     if not answer.matches:
         return
-    from tasks.retrieval.levels import level_thresholds
+    from tasks.retrieval.meaning.levels import level_thresholds
 
     meanings = {
         "same": "as near as the same dancer's same movement",

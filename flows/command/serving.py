@@ -3,14 +3,16 @@
 import argparse
 import math
 import os
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.command import printing
+from flows.command.exits import DONE, RUN_FAILED
 from flows.command.options import UsageError, check_environment
 from flows.links import VIEWER_URL, is_web_address
-from flows.served import Served, ServingError
-from flows.serving import serve
+from flows.service.served import Served, ServingError
+from flows.service.serving import serve
 from storage import create_archive
 from storage.inbox.listing import open_inbox
 from storage.inbox.lock import BusyError, serving
@@ -71,7 +73,7 @@ def add_serve_options(serve: argparse.ArgumentParser) -> None:
 
 
 def run_serve(options: argparse.Namespace) -> int:
-    """Serve an archive, or scan its inboxes once; return 0, or 4 where not all was taken in.
+    """Serve an archive, or scan its inboxes once; return the exit code, 4 where not all went in.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def run_serve(options: argparse.Namespace) -> int:
         )
     if options.join:
         serve(served, host=options.host, port=options.port, join=options.join)
-        return 0
+        return DONE
     try:
         with serving(create_archive(archive)) as is_held:
             serve(served, host=options.host, port=options.port, is_held=is_held)
@@ -120,7 +122,7 @@ def run_serve(options: argparse.Namespace) -> int:
         raise ServingError(
             f"{error}; end that one first, or work for it with --join and the URL of its API"
         ) from error
-    return 0
+    return DONE
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -153,8 +155,6 @@ def _check(options: argparse.Namespace) -> None:
 
 def _scan_once(served: Served) -> int:
     """Scan each inbox; Prefect is started only where something is to be taken in."""
-    import time
-
     place = create_archive(served.archive).place
     boxes = [open_inbox(each, served.archive) for each in served.inboxes]
     looks = [look_now(place, box, served.settle_s) for box in boxes]
@@ -166,8 +166,8 @@ def _scan_once(served: Served) -> int:
         if not ready and all(seen.state != "started" for seen in known.values()):
             printing.say(f"{box.location}: nothing new")
             continue
-        from flows.inbox import scan_inbox
         from flows.server import check_server
+        from flows.service.inbox import scan_inbox
 
         check_server()
         state = scan_inbox(
@@ -175,4 +175,4 @@ def _scan_once(served: Served) -> int:
         )
         printing.say(f"{box.location}: {state.message}")
         good = good and state.is_completed()
-    return 0 if good else 4
+    return DONE if good else RUN_FAILED

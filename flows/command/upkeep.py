@@ -73,7 +73,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _collect_garbage(options: argparse.Namespace) -> int:
-    from storage.publication import collect_garbage, kept_from_garbage
+    from storage.upkeep.garbage import collect_garbage, kept_from_garbage
 
     check_hours(options.older_than)
     place = open_archive(options.archive).place

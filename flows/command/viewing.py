@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from flows.command import printing
+from flows.command.exits import DONE
 from flows.command.options import (
     UsageError,
     add_search_options,
     query_settings,
     search_settings,
+    values_refused,
 )
 from flows.links import artifact_key, is_web_address
 from storage import open_archive
-from storage.errors import ArchiveError, InputError, UnknownNameError
 
 _LARGEST_PORT = 65535
 
@@ -77,7 +78,7 @@ def view_archive(options: argparse.Namespace) -> int:
         run_address=lambda take: run_address(runs, take),
         digitize=digitize, open_browser=not options.no_browser, tell=tell,
     )  # fmt: skip
-    return 0
+    return DONE
 
 
 def _end(*_: Any) -> None:
@@ -120,18 +121,14 @@ def report_search(options: argparse.Namespace) -> int:
     else:
         motion = holdings.motion(name)
     clip = clip or (0, motion.frames - 1)
-    try:
+    with values_refused():
         answer = find_others(
             holdings, motion, clip, settings, takes=options.takes, imported=imported
         )
-    except (InputError, ArchiveError, UnknownNameError):
-        raise
-    except ValueError as error:
-        raise UsageError(str(error)) from error
     for take, reason in answer.skipped.items():
         printing.say(f"not compared: {take}: {reason}")
     printing.say(write_report(holdings, answer, motion, options.file))
-    return 0
+    return DONE
 
 
 def runs_url() -> str:

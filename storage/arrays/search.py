@@ -21,16 +21,18 @@ from numpy.typing import NDArray
 from storage.errors import ArchiveError
 from storage.places import (
     Place,
-    check_regular,
     delete_files,
     list_files,
     read_file,
+    regular_file,
     told,
     write_file,
 )
 from storage.provenance import digest_bytes
 
 PACKING = 1
+ADVICE = "run `shosa index` on the archive"
+"""What to do where the index, or a search array, is not what it should be."""
 
 
 def search_array_path(take: str, version: str) -> str:
@@ -81,6 +83,32 @@ def read_search_array(place: Place, take: str, version: str) -> NDArray[np.float
     return _open(place, take, version, mapped=False)
 
 
+def search_array_digest(place: Place, take: str, version: str) -> str:
+    """Return the SHA-256 that is written beside the search array of a version."""
+    return _read_label(place, take, version).sha256
+
+
+def search_digest(rows: NDArray[np.float32]) -> str:
+    """Return the SHA-256 of the file of a search array with these rows."""
+    values = np.ascontiguousarray(rows, np.float32)
+    return digest_bytes(array_head(values.shape) + values.tobytes())
+
+
+def verify_search_array(place: Place, take: str, version: str) -> list[str]:
+    """Recompute the digest of a take's search array, and return the fault as a sentence."""
+    try:
+        label = _read_label(place, take, version)
+        content = read_file(place, search_array_path(take, version))
+        whole = digest_bytes(content) == label.sha256
+        if whole:
+            open_search_array(place, take, version)
+    except FileNotFoundError:
+        return [_missing(take)]
+    except ValueError as error:
+        return [f"the search array of take {take!r} has changed ({error}); {ADVICE}"]
+    return [] if whole else [_changed(take)]
+
+
 def lying_search_arrays(place: Place) -> dict[tuple[str, str], int]:
     """Return the size of each search array of a take by itself, by take and version."""
     found = {}
@@ -98,6 +126,14 @@ def remove_search_arrays(place: Place, versions: Iterable[tuple[str, str]]) -> N
     delete_files(place, [each for path in paths for each in (path, _label_path(path))])
 
 
+def array_head(shape: tuple[int, ...], dtype: str = "<f4") -> bytes:
+    """Return what the .npy file of values of that shape begins with."""
+    head = io.BytesIO()
+    about = {"descr": dtype, "fortran_order": False, "shape": tuple(shape)}
+    np.lib.format.write_array_header_1_0(head, about)
+    return head.getvalue()
+
+
 def _open(place: Place, take: str, version: str, *, mapped: bool) -> NDArray[np.float32]:
     """Return the packed rows of a version, which are known to be its own and whole."""
     try:
@@ -108,65 +144,11 @@ def _open(place: Place, take: str, version: str, *, mapped: bool) -> NDArray[np.
         raise ArchiveError(_missing(take)) from error
     except ValueError as error:
         raise ArchiveError(
-            f"the search array of take {take!r} is damaged ({error}); "
-            "run `shosa index` on the archive"
+            f"the search array of take {take!r} is damaged ({error}); {ADVICE}"
         ) from error
     if _check(rows) != label.crc32c:
         raise ArchiveError(_changed(take))
     return rows
-
-
-def search_digest(rows: NDArray[np.float32]) -> str:
-    """Return the SHA-256 of the file of a search array with these rows."""
-    values = np.ascontiguousarray(rows, np.float32)
-    return digest_bytes(array_head(values.shape) + values.tobytes())
-
-
-def search_array_digest(place: Place, take: str, version: str) -> str:
-    """Return the SHA-256 that is written beside the search array of a version."""
-    return _read_label(place, take, version).sha256
-
-
-def verify_search_array(place: Place, take: str, version: str) -> list[str]:
-    """Recompute the digest of a take's search array, and return the fault as a sentence."""
-    try:
-        label = _read_label(place, take, version)
-        content = read_file(place, search_array_path(take, version))
-        whole = digest_bytes(content) == label.sha256
-        if whole:
-            open_search_array(place, take, version)
-    except FileNotFoundError:
-        return [_missing(take)]
-    except ValueError as error:
-        return [f"the search array of take {take!r} has changed ({error}); {_ADVICE}"]
-    return [] if whole else [_changed(take)]
-
-
-_ADVICE = "run `shosa index` on the archive"
-
-
-def _missing(take: str) -> str:
-    return f"take {take!r} has no search array; {_ADVICE}"
-
-
-def _changed(take: str) -> str:
-    return f"the search array of take {take!r} has changed; {_ADVICE}"
-
-
-def _read_label(place: Place, take: str, version: str) -> _Label:
-    """Return what stands beside the search array of a version; ValueError if it is another's."""
-    content = read_file(place, _label_path(search_array_path(take, version)))
-    try:
-        label = _Label(**json.loads(content))
-    except (ValueError, TypeError, RecursionError):
-        raise ValueError("it is of an older shosa, or the file beside it is damaged") from None
-    if (label.take, label.version) != (take, version):
-        raise ValueError(f"it is that of take {label.take!r}, version {label.version}")
-    if not isinstance(label.shape, list) or [*map(type, label.shape)] != [int, int]:
-        raise ValueError(f"its shape is said to be {label.shape!r}")
-    if min(label.shape) < 1:
-        raise ValueError(f"its shape is said to be {label.shape}")
-    return label
 
 
 def _open_rows(
@@ -177,7 +159,7 @@ def _open_rows(
     size = len(head) + 4 * shape[0] * shape[1]
     if place.folder and mapped:
         with told(f"read {place.url(path)}"):
-            file = check_regular(place.folder / path)
+            file = regular_file(place.folder / path)
             found, begin = file.stat().st_size, _first_bytes(file, len(head))
             if (found, begin) == (size, head):
                 return np.memmap(file, np.float32, "r", offset=len(head), shape=shape)
@@ -196,17 +178,33 @@ def _first_bytes(file: Path, count: int) -> bytes:
         return opened.read(count)
 
 
-def array_head(shape: tuple[int, ...], dtype: str = "<f4") -> bytes:
-    """Return what the .npy file of values of that shape begins with."""
-    head = io.BytesIO()
-    about = {"descr": dtype, "fortran_order": False, "shape": tuple(shape)}
-    np.lib.format.write_array_header_1_0(head, about)
-    return head.getvalue()
+def _read_label(place: Place, take: str, version: str) -> _Label:
+    """Return what stands beside the search array of a version; ValueError if it is another's."""
+    content = read_file(place, _label_path(search_array_path(take, version)))
+    try:
+        label = _Label(**json.loads(content))
+    except (ValueError, TypeError, RecursionError):
+        raise ValueError("it is of an older shosa, or the file beside it is damaged") from None
+    if (label.take, label.version) != (take, version):
+        raise ValueError(f"it is that of take {label.take!r}, version {label.version}")
+    if not isinstance(label.shape, list) or [*map(type, label.shape)] != [int, int]:
+        raise ValueError(f"its shape is said to be {label.shape!r}")
+    if min(label.shape) < 1:
+        raise ValueError(f"its shape is said to be {label.shape}")
+    return label
+
+
+def _label_path(path: str) -> str:
+    return path.removesuffix(".npy") + ".json"
 
 
 def _check(values: NDArray[np.float32]) -> int:
     return google_crc32c.value(values.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
 
 
-def _label_path(path: str) -> str:
-    return path.removesuffix(".npy") + ".json"
+def _missing(take: str) -> str:
+    return f"take {take!r} has no search array; {ADVICE}"
+
+
+def _changed(take: str) -> str:
+    return f"the search array of take {take!r} has changed; {ADVICE}"

@@ -181,9 +181,7 @@ def read_surfaces(
         array: Any = voxels[name]
         return np.asarray(array[int(edge[0]) : int(edge[-1])])
 
-    first, length = part("run_start").astype(np.int64), part("run_length").astype(np.int64)
-    before = np.cumsum(length) - length
-    number = np.repeat(first - before, length) + np.arange(length.sum())
+    number = _numbers_of_runs(part("run_start"), part("run_length"))
     is_surface, color = part("is_surface"), part("color")
     label = part("label") if "label" in voxels else np.zeros(len(number), np.uint8)
     voxel, surface = (edges[over] - edges[over][0] for over in ("voxel", "surface"))
@@ -256,10 +254,15 @@ def _shape(voxels: zarr.Group) -> tuple[int, int, int]:
 
 def _read_numbers(voxels: zarr.Group, frame: int) -> NDArray[np.int64]:
     """Return the numbers of the voxels of a frame, in order."""
-    start = _read_ragged(voxels, "run_start", frame).astype(np.int64)
-    length = _read_ragged(voxels, "run_length", frame).astype(np.int64)
+    start = _read_ragged(voxels, "run_start", frame)
+    return _numbers_of_runs(start, _read_ragged(voxels, "run_length", frame))
+
+
+def _numbers_of_runs(start: NDArray[Any], length: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the numbers of the voxels of runs, in order."""
+    length = length.astype(np.int64)
     before = np.cumsum(length) - length
-    return np.repeat(start - before, length) + np.arange(length.sum())
+    return np.repeat(start.astype(np.int64) - before, length) + np.arange(length.sum())
 
 
 def _read_ragged(voxels: zarr.Group, name: str, frame: int) -> NDArray[Any]:

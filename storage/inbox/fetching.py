@@ -1,6 +1,5 @@
 """Recordings as files on this machine: those of an object store are copied here first."""
 
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +8,7 @@ from pathlib import Path, PurePosixPath
 import obstore
 
 from storage.errors import InputError
+from storage.files import cache_folder
 from storage.inbox.listing import Inbox, files_of
 from storage.places import told
 
@@ -31,9 +31,7 @@ def fetched(inbox: Inbox, name: str) -> Iterator[Path]:
     if inbox.folder is not None:
         yield inbox.folder / name
         return
-    # a link in the home would be another's path
-    above = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()
-    folder = above / "shosa" / "inbox" / inbox.key
+    folder = cache_folder("inbox", inbox.key)
     files = files_of(inbox, name)
     if not files:
         raise InputError(f"{inbox.place.url(name)} is not there any more")

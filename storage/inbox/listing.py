@@ -257,9 +257,7 @@ def _objects_of(place: Place, name: str) -> list[Any]:
             above = name.rpartition("/")[0] or None
             for some in obstore.list(place.store, above, offset=f"{bare}."):
                 found += [each for each in some if each["path"] in (name, beside)]
-                if (
-                    some[-1]["path"] >= f"{bare}/"
-                ):  # in their order, which none that begins so passes
+                if some[-1]["path"] >= f"{bare}/":  # they come in order, and all others are behind
                     break
             if any(each["path"] == name for each in found):
                 return found

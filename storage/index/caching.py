@@ -13,7 +13,8 @@ from pathlib import Path
 
 import obstore
 
-from storage.places import Place, check_regular, told
+from storage.files import cache_folder
+from storage.places import Place, regular_file, told
 
 _PART_BYTES = 8 << 20
 """How much of a file is fetched by one request [bytes]. Chosen: many times what asking costs."""
@@ -31,7 +32,7 @@ def local_file(place: Place, path: str, size: int) -> Path:
         If there is none.
     """
     if place.folder:
-        return check_regular(place.folder / path)
+        return regular_file(place.folder / path)
     copy = _folder(place) / Path(path).name
     with told(f"copy {place.url(path)} to {copy}"):
         if copy.is_file() and copy.stat().st_size == size:
@@ -57,9 +58,8 @@ def drop_local_file(place: Place, path: str) -> None:
 
 def _folder(place: Place) -> Path:
     """Return where the copies of files of a place are."""
-    above = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()
     key = hashlib.sha256(place.location.rstrip("/").encode()).hexdigest()[:16]
-    return above / "shosa" / "index" / key
+    return cache_folder("index", key)
 
 
 def _forget_unused(folder: Path) -> None:

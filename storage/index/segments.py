@@ -20,7 +20,7 @@ import google_crc32c
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.arrays.search import PACKING, array_head
+from storage.arrays.search import ADVICE, PACKING, array_head
 from storage.errors import ArchiveError, DamagedSegmentError
 from storage.index.caching import drop_local_file, local_file
 from storage.index.entries import Entry, entries_of, entry_columns
@@ -223,11 +223,11 @@ def read_label(place: Place, path: str, sha256: str) -> Label:
     try:
         content = read_file(place, path)
     except FileNotFoundError:
-        raise DamagedSegmentError(f"{place.url(path)} is missing; {_ADVICE}", path) from None
+        raise DamagedSegmentError(f"{place.url(path)} is missing; {ADVICE}", path) from None
     except ArchiveError as error:  # a folder or a pipe
-        raise DamagedSegmentError(f"{error}; {_ADVICE}", path) from error
+        raise DamagedSegmentError(f"{error}; {ADVICE}", path) from error
     if digest_bytes(content) != sha256:
-        raise DamagedSegmentError(f"{place.url(path)} has changed; {_ADVICE}", path)
+        raise DamagedSegmentError(f"{place.url(path)} has changed; {ADVICE}", path)
     said = json.loads(content)
     files = {
         name: Stored(
@@ -263,7 +263,7 @@ def verify_segment(place: Place, label: Label) -> list[str]:
             takes = int(opened.damaged().sum())
             faults.append(
                 f"the index is damaged: {label.rows.path} has changed, in {takes} of its "
-                f"{len(label.entries)} takes; {_ADVICE}"
+                f"{len(label.entries)} takes; {ADVICE}"
             )
     except DamagedSegmentError as error:
         faults.append(str(error))
@@ -276,11 +276,8 @@ def verify_segment(place: Place, label: Label) -> list[str]:
     return faults
 
 
-_ADVICE = "run `shosa index` on the archive"
-
-
 def _damaged(label: Label, what: str, *, summary: str | None = None) -> DamagedSegmentError:
-    said = f"the index is damaged: {what}; {_ADVICE}"
+    said = f"the index is damaged: {what}; {ADVICE}"
     return DamagedSegmentError(said, label.path, summary)
 
 

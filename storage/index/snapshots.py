@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import Any
 
-from storage.arrays.search import PACKING
+from storage.arrays.search import ADVICE, PACKING
 from storage.errors import ArchiveError, DamagedSegmentError
 from storage.index.segments import FOLDER, FORMAT, Label, read_label, verify_segment
 from storage.places import (
@@ -34,7 +34,6 @@ from storage.provenance import digest_bytes
 
 _MANIFEST = re.compile(r"^(\d{8})\.json$")
 _SEAL = "sha256"
-_ADVICE = "run `shosa index` on the archive"
 _TRIES = 3
 """How often a snapshot is looked for that is collected just then [times]."""
 
@@ -243,16 +242,16 @@ def _read_manifest(place: Place, number: int) -> tuple[str, dict[str, Any]]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ArchiveError(
             f"the index is damaged: {place.url(path)} cannot be read "
-            f"({' '.join(str(error).split()) or type(error).__name__}); {_ADVICE}"
+            f"({' '.join(str(error).split()) or type(error).__name__}); {ADVICE}"
         ) from error
     if form > (FORMAT, PACKING):
         raise ArchiveError(
             f"{place.url(path)} is the index of a newer shosa and is not used; update shosa, or "
-            f"{_ADVICE}"
+            f"{ADVICE}"
         )
     if form < (FORMAT, PACKING):
         raise ArchiveError(
-            f"{place.url(path)} is the index of an older shosa and is not used; {_ADVICE}"
+            f"{place.url(path)} is the index of an older shosa and is not used; {ADVICE}"
         )
     return digest_bytes(content), said
 

@@ -23,7 +23,7 @@ from tasks.capture.estimating import estimate_background
 from tasks.capture.films import projection_of
 from tasks.engine.progress import within
 from tasks.engine.threads import side_by_side
-from tasks.geometry.projection import Projection, camera_centers
+from tasks.geometry.projection import Projection, camera_centers, viewing_rays
 from tasks.geometry.voxels import VoxelGrid, run_index, volume_grid, voxel_centers
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.regions.pieces import pieces_of_runs
@@ -208,8 +208,7 @@ def _middle(silhouettes: NDArray[np.bool_], projection: Projection) -> NDArray[n
         if not moments["m00"]:
             continue
         pixel = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-        bare = cv2.undistortPoints(pixel[None], projection.intrinsics[n], projection.distortion[n])
-        ray = np.append(bare.ravel(), 1.0) @ projection.camera_from_world[n, :, :3]
+        [ray] = viewing_rays(pixel[None], projection, n)
         ray /= np.linalg.norm(ray)
         off_ray = np.eye(3) - np.outer(ray, ray)
         across, sums, seen = across + off_ray, sums + off_ray @ center, seen + 1

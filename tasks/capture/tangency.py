@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
 from tasks.engine.threads import side_by_side
-from tasks.geometry.projection import Projection, camera_centers
+from tasks.geometry.projection import Projection, camera_centers, viewing_rays
 
 WIDTH_PX = 320.0
 """How wide the picture is that angles are counted in pixels of [px]. The numbers that tell how
@@ -80,7 +79,7 @@ def find_outline(packed: NDArray[np.uint8], projection: Projection, camera: int)
     begin = np.zeros(len(packed) + 1, np.int64)
     corner = corner[: _hull_corners(packed[:, :rows], columns, corner, begin)]
     is_cut_off = (corner == 0).any(axis=1) | (corner == (rows - 1, columns - 1)).any(axis=1)
-    return Outline(_rays(corner, projection, camera), is_cut_off, begin)
+    return Outline(viewing_rays(corner[:, ::-1], projection, camera), is_cut_off, begin)
 
 
 def join_outlines(parts: Sequence[Outline]) -> Outline:
@@ -152,17 +151,6 @@ def usable_touches(touches: Touches, projection: Projection) -> Touches:
     widest = np.where(np.isnan(wide), -1.0, wide).max(axis=-1, initial=-1.0)
     kept = ((widest >= 0) & (widest < _WIDEST)).all(axis=1)
     return Touches(touches.cameras, touches.pairs[kept], touches.planes[kept])
-
-
-def _rays(corner: NDArray[np.int32], projection: Projection, camera: int) -> NDArray[np.float64]:
-    """Return (corner, 3) the directions in the world in which pixels, row and column, look."""
-    if not len(corner):
-        return np.zeros((0, 3))
-    pixel = corner[:, None, ::-1].astype(np.float64)
-    flat = cv2.undistortPoints(pixel, projection.intrinsics[camera], projection.distortion[camera])[
-        :, 0
-    ]
-    return np.c_[flat, np.ones(len(flat))] @ projection.camera_from_world[camera, :, :3]
 
 
 def _extremes(angle: NDArray[np.float64], outline: Outline, into: NDArray[np.float32]) -> None:

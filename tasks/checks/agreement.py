@@ -2,8 +2,8 @@
 
 A visual hull shows, from each camera, all of the silhouette it was carved from, if the silhouettes
 are of one performer and the cameras stand where the calibration says. The share of a silhouette
-that the hull *explains* tells how far that holds; `tasks.checks.consistency` finds the cameras
-that are inconsistent where it does not. Here it is said in words, and what is to be done.
+that the hull *explains* tells how far that holds; `tasks.checks.hulls.consistency` finds the
+cameras that are inconsistent where it does not. Here it is said in words, and what is to be done.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from storage.formats.reading import listed
 from tasks.checks.bodies import judge_bodies
-from tasks.checks.bounds import fitting_box, grid_corners, is_inside, main_parts
-from tasks.checks.consistency import (
+from tasks.checks.hulls.bounds import fitting_box, grid_corners, is_inside, main_parts
+from tasks.checks.hulls.consistency import (
     Consistency,
     find_exchanged,
     find_inconsistent_cameras,

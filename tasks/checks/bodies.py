@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.checks.bounds import parts_of
+from tasks.checks.hulls.bounds import parts_of
 from tasks.checks.telling import By
 from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection

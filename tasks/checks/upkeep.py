@@ -6,13 +6,10 @@ from storage import Archive, Take, open_archive
 from storage.arrays.search import verify_search_array
 from storage.errors import ArchiveError
 from storage.index.snapshots import verify_snapshot
-from storage.publication import (
-    unpublished_versions,
-    verify_records,
-    verify_take,
-    version_folder,
-)
+from storage.publication import version_folder
 from storage.schema import JOINTS
+from storage.upkeep.garbage import unpublished_versions
+from storage.upkeep.verification import verify_records, verify_take
 from tasks.motion.stature import joints_present
 
 

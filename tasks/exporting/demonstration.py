@@ -4,7 +4,7 @@ from pathlib import Path
 
 from storage import open_archive
 from storage.archive import take_name
-from storage.formats.motion.writing import write_beside
+from storage.files import write_beside
 from storage.formats.pictures.pictures import write_png
 from storage.places import told
 from tasks.exporting.joints import write_joint_track

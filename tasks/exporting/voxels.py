@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from storage import open_archive
 from storage.archive import Take, nearest
 from storage.errors import InputError, UnknownNameError
+from storage.files import write_beside
 from storage.formats.capture.initial import write_initial
-from storage.formats.motion.writing import write_beside
-from storage.formats.pictures.pictures import encode_png, write_png
+from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.ply import write_points, write_surface
 from storage.places import told
 from storage.schema import SEGMENTS
@@ -169,17 +169,6 @@ def picture_initial(take: Take) -> NDArray[np.uint8]:
     label = label_from_joints(runs, grid, frame, position)
     model = InitialModel(frame, position, label, float(body.attrs["confidence"]), ())
     return draw_initial_model(model, runs, grid)
-
-
-def initial_model_png(take: Take) -> bytes:
-    """Return the picture of `picture_initial` as a PNG file.
-
-    Raises
-    ------
-    InputError
-        If the take has no body.
-    """
-    return encode_png(picture_initial(take))
 
 
 def _label_of(take: Take, segment: str) -> int:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -169,6 +170,31 @@ def nearest_pixels(points: NDArray[np.float64], projection: Projection) -> NDArr
     axes = np.ascontiguousarray(points.T, np.float64)
     _find_pixels(axes, lens_of(projection), pixel)
     return pixel
+
+
+def viewing_rays(
+    pixel: NDArray[np.number[Any]], projection: Projection, camera: int
+) -> NDArray[np.float64]:
+    """Return (pixel, 3) the directions in the world in which the pixels of a camera look.
+
+    Parameters
+    ----------
+    pixel : (pixel, 2)
+        Columns and rows.
+    projection, camera
+        The cameras, and which one.
+
+    Returns
+    -------
+    (pixel, 3) float64
+        Each as long as it is where it is 1 m before the camera, measured along its axis.
+    """
+    if not len(pixel):
+        return np.zeros((0, 3))
+    inner, bent = projection.intrinsics[camera], projection.distortion[camera]
+    flat = cv2.undistortPoints(pixel[:, None].astype(np.float64), inner, bent)[:, 0]
+    ahead = np.column_stack([flat, np.ones(len(flat))])
+    return ahead @ projection.camera_from_world[camera, :, :3]
 
 
 def lens_of(projection: Projection) -> tuple[NDArray[Any], ...]:

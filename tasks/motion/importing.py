@@ -23,14 +23,9 @@ from storage.formats.motion.joint_map import read_joint_map as read_joint_map
 from storage.formats.motion.motion_file import MotionFile
 from storage.places import Place
 from storage.provenance import Provenance, digest_file, recorded
-from storage.publication import (
-    Record,
-    describe_files,
-    discard_version,
-    new_version,
-    version_folder,
-)
+from storage.publication import describe_files, discard_version, new_version, version_folder
 from storage.recordings import Recording
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.engine.fingerprints import code_behind
 from tasks.engine.settings import NotNegative, Positive

@@ -41,14 +41,13 @@ from tasks.engine.progress import within
 from tasks.engine.settings import NotNegative, check_ranges
 from tasks.engine.threads import side_by_side
 from tasks.reconstruction.regions.colorless import expect_performer, has_no_color
-from tasks.reconstruction.regions.components import clean_region
+from tasks.reconstruction.regions.components import box_around, clean_region
 from tasks.reconstruction.regions.differences import Planes, differ_in_chroma, differ_in_color
 from tasks.reconstruction.regions.holes import fill_holes
-from tasks.reconstruction.regions.masks import MASK_FACTS, color_rim, mask_facts, silhouettes_of
+from tasks.reconstruction.regions.masks import color_rim, silhouettes_of
+from tasks.reconstruction.regions.noted import note_masks, note_outlines, nothing_noted
 from tasks.reconstruction.regions.outlines import draw_outline
 from tasks.reconstruction.regions.pixels import take_pixels
-from tasks.reconstruction.regions.rims import DISTANCES, edge_profile
-from tasks.reconstruction.regions.stale_outlines import stale_outline
 
 
 @dataclass(frozen=True)
@@ -186,7 +185,7 @@ def extract_silhouettes(
         seed = _seed(image, background, held, settings)
         if expected is not None:
             seed |= expected[n]
-        box = _box(seed, 2 * settings.reach_px)
+        box = box_around(seed, 2 * settings.reach_px)
         if box is None:
             continue
         least = settings.component_share * seed.size, settings.hole_share * seed.size
@@ -306,19 +305,6 @@ def _outlined(
     return inside
 
 
-def _box(seed: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
-    """Return the rows and columns of what is set, with a margin; None where nothing is."""
-    rows = np.flatnonzero(np.bitwise_or.reduce(seed, axis=1))
-    if not len(rows):
-        return None
-    some = np.bitwise_or.reduce(seed[rows[0] : rows[-1] + 1], axis=0)
-    columns = np.flatnonzero(some)
-    return (
-        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin),
-        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + 1 + margin),
-    )
-
-
 def extract_block(
     archive: str, capture: str, digest: str, into: str, start: int, end: int,
     settings: SilhouetteSettings,
@@ -355,14 +341,14 @@ def extract_block(
     begun = time.monotonic()
     source = capture_of(capture, digest)
     check_telling(source, settings.background, settings.key)
-    backgrounds = _backgrounds(source, settings)
+    backgrounds: list[Background] = []  # where masks say who the performer is
+    if not source.masks:
+        backgrounds = read_backgrounds(source, settings.background, settings.key)
     twice = looked_at_twice(backgrounds, settings)
     rows, columns = largest_image(source.cameras)
     packed = np.zeros((end - start, len(source.cameras), rows, -(-columns // 8)), np.uint8)
     compared = [n for n in compared_frames(source.frames) if start <= n < end]
-    stale = np.zeros((len(compared), *packed.shape[1:]), np.uint8)
-    facts = np.zeros((len(compared), len(source.cameras), MASK_FACTS))
-    edges = np.zeros((len(compared), len(source.cameras), len(DISTANCES) + 1))
+    noted = nothing_noted(compared, len(source.cameras), (rows, columns))
     filled = np.zeros((end - start, len(source.cameras)), np.int64)
     projection, grid = projection_of(source.cameras), grid_of(source)
     color: list[NDArray[np.uint8]] = []
@@ -378,20 +364,15 @@ def extract_block(
             expected: Any = expected, found: Any = found,
         ) -> None:  # fmt: skip
             film = films[camera]
-            here = [(n, m - first) for n, m in enumerate(compared) if 0 <= m - first < len(film)]
             own = found[:, camera, : film.shape[1], : film.shape[2]]
             if masks:
                 own[:] = silhouettes_of(masks[camera], settings.grow_px)
-                for n, frame in here:
-                    facts[n, camera] = mask_facts(masks[camera][frame])
-                    edges[n, camera] = edge_profile(film[frame], own[frame])
+                note_masks(noted, camera, first, film, masks[camera], own)
                 for each, mask, silhouette in zip(film, masks[camera], own, strict=True):
                     color_rim(each, mask, silhouette)
             else:
                 extract_silhouettes(film, backgrounds[camera], settings, expected[camera], own)
-                for n, frame in here:
-                    seen = own[frame], film[frame], backgrounds[camera].color
-                    _put(stale[n, camera], np.packbits(stale_outline(*seen), axis=-1))
+                note_outlines(noted, camera, first, film, backgrounds[camera].color, own)
 
         def finish(frame: int, first: int = first, films: Any = films, found: Any = found) -> Any:
             if settings.holes == "fill" and not source.masks:  # those are taken as they are
@@ -407,22 +388,10 @@ def extract_block(
     arrays = {
         "silhouette": packed,
         "color": np.concatenate(color),
-        "stale": stale,
-        "masks": facts,
-        "edges": edges,
+        "stale": noted.stale,
+        "masks": noted.masks,
+        "edges": noted.edges,
         "filled": filled,
         "sure": np.array([background.sure for background in backgrounds]),
     }
     return write_block(open_archive(archive).place, into, (start, end), arrays, begun)
-
-
-def _backgrounds(source: Capture, settings: SilhouetteSettings) -> list[Background]:
-    """Return the background of each camera; none where masks say where the performer is."""
-    if source.masks:
-        return []
-    return read_backgrounds(source, settings.background, settings.key)
-
-
-def _put(into: NDArray[np.uint8], bits: NDArray[np.uint8]) -> None:
-    """Write packed pictures (..., row, column / 8) where there may be room for larger ones."""
-    into[..., : bits.shape[-2], : bits.shape[-1]] = bits

@@ -22,8 +22,8 @@ from storage.index.entries import Entry
 from storage.schema import parse_frames
 from tasks.motion.stature import DEFAULT_STATURE_M
 from tasks.retrieval.archive_search import Cluster, Tell, search_archive
-from tasks.retrieval.chance import Chance, choose_pieces, cut_piece, measure_pieces
-from tasks.retrieval.levels import level_of, level_thresholds, threshold_of
+from tasks.retrieval.meaning.chance import Chance, choose_pieces, cut_piece, measure_pieces
+from tasks.retrieval.meaning.levels import level_of, level_thresholds, threshold_of
 from tasks.retrieval.normalization import sample_count
 from tasks.retrieval.opening import read_packed_takes
 from tasks.retrieval.searching import Match, Query, SearchSettings, clip_motion, clip_take

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from storage import Archive, open_archive
 from storage.errors import ArchiveError
 from tasks.retrieval.answering import find_query
-from tasks.retrieval.explaining import Explanation, explain_match, samples_of_match
+from tasks.retrieval.meaning.explaining import Explanation, explain_match, samples_of_match
 from tasks.retrieval.normalization import INDEX_RATE_HZ, OTHER_SIDE, frame_of_sample
 from tasks.retrieval.opening import read_packed_takes
 from tasks.retrieval.searching import Match, Query, SearchSettings

@@ -17,8 +17,9 @@ from storage.errors import InputError
 from storage.formats.capture.capture import Capture, capture_of
 from storage.places import Place
 from storage.provenance import Provenance
-from storage.publication import Record, describe_files, discard_version, version_folder
+from storage.publication import describe_files, discard_version, version_folder
 from storage.recordings import digest_capture
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.body.anatomy.segments import pose_in_parents
 from tasks.body.anatomy.shape import measure_body

@@ -11,9 +11,9 @@ from typing import Any
 from storage.archive import Archive
 from storage.describing import own_metadata
 from storage.index.entries import Entry
-from storage.publication import damaged_files
 from storage.recordings import Recording
 from storage.records import Record, read_record
+from storage.upkeep.verification import damaged_files
 from tasks.engine.fingerprints import code_behind
 
 _CODE = {

@@ -9,9 +9,9 @@ from storage.describing import keep_words
 from storage.errors import ArchiveError, ConflictError
 from storage.places import Place
 from storage.provenance import now
-from storage.publication import Record, discard_version, publish_record
-from storage.recordings import remember_source
-from storage.records import read_numbered_record, read_record
+from storage.publication import discard_version, publish_record
+from storage.records import Record, read_numbered_record, read_record
+from storage.sources import remember_source
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ def publish_take(archive: str, draft: dict[str, Any], *, over: int) -> None:
     except ConflictError:
         discard_version(place, take, record.version)
         raise
-    remember_source(opened, record)
+    remember_source(opened.place, record)
     logger.info("published take %s, version %d", take, record.number)
 
 

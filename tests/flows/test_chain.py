@@ -10,9 +10,9 @@ from storage import create_archive
 from storage.blocks import read_block
 from storage.formats.capture.capture import read_capture
 from storage.places import delete_files, list_files
-from storage.publication import verify_take
 from storage.recordings import Recording, digest_capture
 from storage.schema import SEGMENTS
+from storage.upkeep.verification import verify_take
 from tasks.body import paper_method
 from tasks.capture import films as capture_films
 from tasks.engine.compiling import read_list

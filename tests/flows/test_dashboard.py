@@ -17,17 +17,13 @@ from flows.dashboard import (
 )
 from flows.links import VIEWER_URL, artifact_key, viewer_url
 from flows.progress import ASSEMBLING
-from flows.summarizing import told_once
 from storage import create_archive, open_archive
 from storage.archive import Take
 from storage.records import Record
 from tasks.retrieval.answering import Answer
 from tasks.retrieval.searching import Match, SearchSettings
-from tasks.studio.cameras import RingSettings, generate_cameras
-from tasks.studio.dancing.openings import stretch_arms_first
-from tasks.studio.filming import FilmSettings, film_capture
-from tests.conftest import swaying_body
-from tests.figures.digitized_takes import write_digitized
+from tests.figures.archives.digitized_takes import write_digitized
+from tests.figures.posed_captures import film_posed
 
 HOSTILE = "<script>alert(1)</script> | **b** [x](javascript:alert(1))\nnext"
 
@@ -153,14 +149,6 @@ def test_matches_are_a_table_without_links_where_no_viewer_is_known(answer):
     assert not re.search(r"(?<!\\)\]\(", first["title"])
 
 
-def test_what_failed_again_and_again_is_told_once():
-    again = [("scan", f"no disk (tried again after {pause} s)") for pause in (240, 120, 60)]
-    assert told_once([*again[:2], ("index", "broke"), again[2]]) == [
-        ("scan", "no disk (3 times)"),
-        ("index", "broke"),
-    ]
-
-
 def test_a_column_that_would_be_empty_is_left_out(answer):
     plain = dataclasses.replace(answer, matches=answer.matches[:1])
     assert "mirrored" not in match_rows(plain, None)[0]
@@ -278,12 +266,7 @@ def test_a_page_that_cannot_be_made_harms_nothing(artifacts, said, tmp_path):
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     """Films of a body that begins with the arms stretched, so that it gets a pose."""
-    folder = tmp_path_factory.mktemp("films") / "posed"
-    track = stretch_arms_first(swaying_body(3, 30), 30.0)[:12]
-    ring = RingSettings(cameras=6, size=(160, 120))
-    cameras = generate_cameras(ring, center_m=(0.0, 0.9, 0.0), seed=4)
-    film_capture(folder, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.025), seed=2)
-    return folder
+    return film_posed(tmp_path_factory.mktemp("films") / "posed")
 
 
 @pytest.mark.flow

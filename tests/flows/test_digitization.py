@@ -16,8 +16,10 @@ from storage import open_archive
 from storage.arrays.groups import open_group
 from storage.formats.capture.capture import read_capture
 from storage.places import list_files
-from storage.publication import collect_garbage, verify_take, version_folder
+from storage.publication import version_folder
 from storage.schema import JOINTS
+from storage.upkeep.garbage import collect_garbage
+from storage.upkeep.verification import verify_take
 from tasks.body.doubt.reasons import DoubtSettings
 from tasks.capture import films as capture_films
 from tasks.capture.empty_stages import read_backgrounds

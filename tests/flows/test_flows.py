@@ -20,7 +20,7 @@ from storage.arrays.search import (
     open_search_array,
     search_array_path,
 )
-from storage.publication import verify_take
+from storage.upkeep.verification import verify_take
 
 pytestmark = [pytest.mark.flow, pytest.mark.slow, pytest.mark.usefixtures("prefect_server")]
 

@@ -10,8 +10,8 @@ import pytest
 
 from storage import open_archive
 from storage.places import list_files
-from storage.publication import verify_take
-from storage.recordings import take_of_content
+from storage.sources import take_of_content
+from storage.upkeep.verification import verify_take
 from tasks.engine import fingerprints
 from tasks.motion.importing import ImportSettings
 from tasks.takes.identity import is_of_other_code
@@ -130,9 +130,9 @@ def test_damaged_data_are_made_again(ingest, archive, fault):
 def test_a_recording_whose_run_was_killed_after_publishing_is_remembered(ingest, archive):
     digest = archive.take("okuri48").record.source["digest"]
     (archive.place.folder / f"sources/{digest}.json").unlink()
-    assert take_of_content(archive, digest) is None
+    assert take_of_content(archive.place, digest) is None
     assert [each.status for each in ingest()] == ["unchanged"]
-    assert take_of_content(archive, digest) == "okuri48"
+    assert take_of_content(archive.place, digest) == "okuri48"
 
 
 def test_other_machines_find_it_unchanged(archive, file, tmp_path):

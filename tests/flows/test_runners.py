@@ -12,16 +12,13 @@ import pytest
 from flows.command.main import DONE, RUN_FAILED, WRONG_USE, main
 from flows.runners import spread_blocks, task_runner
 from storage import create_archive, open_archive
-from storage.recordings import find_recordings, plan_takes
 from tasks.capture import films as capture_films
-from tasks.motion.importing import ImportSettings, import_take
 from tasks.retrieval.gathering import gather_segments
-from tasks.retrieval.indexing import index_take
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.filming import FilmSettings, film_capture
 from tasks.studio.performances import TK, generate_performance
-from tasks.takes.publishing import publish_take
+from tests.figures.archives.imported import take_in_plainly
 
 FRAMES = 16
 
@@ -149,10 +146,7 @@ def test_a_search_by_a_cluster_prints_what_one_here_prints(tmp_path, write_walk,
     archive = str(create_archive(tmp_path / "archive").location)
     for seed in range(3):
         walk = write_walk(tmp_path / f"walk{seed}.trc", seed=seed)
-        (recording,) = plan_takes(open_archive(archive), find_recordings([walk])).recordings
-        draft = import_take(archive, recording, ImportSettings())
-        index_take(archive, draft["take"], draft["version"])
-        publish_take(archive, draft, over=0)
+        take_in_plainly(archive, walk)
         gather_segments(archive)
     answers = []
     for runner in ("threads", "dask"):

@@ -17,7 +17,7 @@ import pytest
 from flows.command.main import main
 from flows.server import ServerError, check_home, check_url, is_server_fault
 from storage import open_archive
-from storage.publication import verify_take
+from storage.upkeep.verification import verify_take
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.filming import FilmSettings, film_capture
 from tests.conftest import HANGING_S, MEASURED, swaying_body

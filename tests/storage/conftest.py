@@ -6,7 +6,7 @@ import pytest
 from storage import create_archive
 from storage.index import snapshots
 from tasks.retrieval import gathering
-from tests.figures.packed_takes import PlainTakes
+from tests.figures.archives.packed_takes import PlainTakes
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,7 @@ from storage.errors import ArchiveError, InputError, PlaceError, UnknownNameErro
 from storage.places import create_file, open_place, write_file
 from storage.provenance import digest_bytes, digest_file, recorded
 from storage.schema import JOINTS, SPACE
-from tests.figures.takes import publish
+from tests.figures.archives.takes import publish
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from storage.blocks import (
 from storage.errors import ArchiveError
 from storage.kept import VARIABLE, Kept
 from storage.places import list_files, read_file
-from storage.publication import collect_garbage
+from storage.upkeep.garbage import collect_garbage
 
 DIGEST = "abcdef0123456789" * 4
 

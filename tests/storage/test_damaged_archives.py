@@ -13,15 +13,11 @@ import numpy as np
 import pytest
 
 from flows.command.main import BAD_INPUT, DONE, RUN_FAILED, WRONG_USE, main
-from storage import create_archive
 from storage.index import snapshots
-from storage.recordings import find_recordings, plan_takes
-from tasks.motion.importing import ImportSettings, import_take
 from tasks.retrieval.gathering import gather_segments
-from tasks.retrieval.indexing import index_take
 from tasks.retrieval.pruned.summaries import SUMMARIES
-from tasks.takes.publishing import publish_take
 from tests.conftest import cases
+from tests.figures.archives.imported import take_in_plainly
 
 TAKES = ("okuri48", "okuri49", "radio")
 HARMED = "okuri49"
@@ -125,14 +121,8 @@ def whole(tmp_path_factory):
         write_trc(top / "inbox" / f"{name}.trc", swaying_body(seed, 80), JOINTS, 30.0)
         about = f'[take]\ntitle = "所作 {seed}"\nperformer = "TK"\n'
         (top / "inbox" / f"{name}.toml").write_text(about, encoding="utf-8")
-    location = top / "archive"
-    for recording in plan_takes(
-        create_archive(location), find_recordings([top / "inbox"])
-    ).recordings:
-        draft = import_take(str(location), recording, ImportSettings())
-        index_take(str(location), draft["take"], draft["version"])
-        publish_take(str(location), draft, over=0)
-    return location
+    take_in_plainly(top / "archive", top / "inbox")
+    return top / "archive"
 
 
 def run(capsys, archive, command, out):

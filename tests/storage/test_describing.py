@@ -8,11 +8,12 @@ import pytest
 from storage import create_archive
 from storage.describing import describe_take, keep_words, own_metadata
 from storage.errors import ConflictError, InputError
-from storage.publication import collect_garbage, verify_take
 from storage.recordings import Recording
+from storage.upkeep.garbage import collect_garbage
+from storage.upkeep.verification import verify_take
 from tasks.takes.identity import why_anew
 from tasks.takes.publishing import publish_take
-from tests.figures.takes import publish, write_version
+from tests.figures.archives.takes import publish, write_version
 
 
 @pytest.fixture

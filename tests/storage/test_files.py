@@ -19,7 +19,7 @@ from storage.formats.motion.joint_map import read_joint_map
 from storage.formats.motion.trc import read_trc
 from storage.formats.settings_toml import read_settings_tables
 from storage.recordings import find_recordings, plan_takes
-from tests.figures.takes import publish
+from tests.figures.archives.takes import publish
 
 READERS = {
     "c.toml": read_calibration,

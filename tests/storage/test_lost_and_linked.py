@@ -14,20 +14,17 @@ from storage import create_archive
 from storage.arrays.search import open_search_array, search_array_path, verify_search_array
 from storage.errors import ArchiveError, InputError
 from storage.places import open_place, read_file
-from storage.publication import (
-    collect_garbage,
-    damaged_files,
-    kept_from_garbage,
-    lost_versions,
-    publish_record,
-    unpublished_versions,
-    verify_records,
-    verify_take,
-    version_folder,
-)
+from storage.publication import publish_record, version_folder
 from storage.recordings import find_recordings, plan_takes
 from storage.records import read_record
-from tests.figures.takes import publish, write_version
+from storage.upkeep.garbage import (
+    collect_garbage,
+    kept_from_garbage,
+    lost_versions,
+    unpublished_versions,
+)
+from storage.upkeep.verification import damaged_files, verify_records, verify_take
+from tests.figures.archives.takes import publish, write_version
 
 NOW = timedelta(0)
 

@@ -12,11 +12,13 @@ from storage.errors import ConflictError, InputError, PlaceError
 from storage.index.segments import FOLDER
 from storage.index.snapshots import verify_snapshot
 from storage.places import list_files, write_file
-from storage.publication import collect_garbage, publish_record, verify_take
+from storage.publication import publish_record
+from storage.upkeep.garbage import collect_garbage
+from storage.upkeep.verification import verify_take
 from tasks.retrieval.gathering import gather_segments
 from tests.conftest import cases
-from tests.figures.packed_takes import PlainTakes, read_all
-from tests.figures.takes import publish, publish_until_killed, write_version
+from tests.figures.archives.packed_takes import PlainTakes, read_all
+from tests.figures.archives.takes import publish, publish_until_killed, write_version
 
 pytestmark = pytest.mark.s3
 

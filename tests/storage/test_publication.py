@@ -12,15 +12,12 @@ import pytest
 from storage import create_archive, open_archive
 from storage.arrays.search import open_search_array, verify_search_array
 from storage.errors import ArchiveError, ConflictError
-from storage.publication import (
-    collect_garbage,
-    publish_record,
-    read_record,
-    verify_take,
-    version_folder,
-)
+from storage.publication import publish_record, version_folder
+from storage.records import read_record
+from storage.upkeep.garbage import collect_garbage
+from storage.upkeep.verification import verify_take
 from tests.conftest import cases
-from tests.figures.takes import publish, publish_until_killed, write_version
+from tests.figures.archives.takes import publish, publish_until_killed, write_version
 
 NOW = timedelta(0)
 

@@ -10,14 +10,9 @@ import pytest
 from storage import create_archive
 from storage.errors import InputError
 from storage.publication import publish_record
-from storage.recordings import (
-    digest_capture,
-    find_recordings,
-    plan_takes,
-    read_metadata,
-    remember_source,
-)
-from tests.figures.takes import write_version
+from storage.recordings import digest_capture, find_recordings, plan_takes, read_metadata
+from storage.sources import remember_source
+from tests.figures.archives.takes import write_version
 
 VOLUME = "[volume]\ncenter_m = [0, 1, 0]\nsize_m = [2, 2, 2]\nvoxel_m = 0.01\n"
 
@@ -43,7 +38,7 @@ def take_in(archive, recording):
     source = {"kind": "bvh", "name": "", "path": recording.path, "digest": recording.digest}
     record = dataclasses.replace(record, source=source)
     publish_record(archive.place, record)
-    remember_source(archive, record)
+    remember_source(archive.place, record)
 
 
 def plan(archive, *paths):

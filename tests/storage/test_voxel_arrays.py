@@ -17,7 +17,7 @@ from storage.errors import ArchiveError
 from storage.formats.calibration.camera import Camera
 from storage.provenance import Provenance
 from storage.publication import describe_files, version_folder
-from tests.figures.takes import write_version
+from tests.figures.archives.takes import write_version
 
 SHAPE = (5, 7, 6)
 ORIGIN, VOXEL = (-0.31, 0.02, 1.5), 0.03

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import pytest
 
 from tests.conftest import HANGING_S, ROOT
-from tests.figures.dances import SHARED, make_dances
+from tests.figures.archives.dances import SHARED, make_dances
 
 FLAGS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader")
 """WebGL by the processor: machines of the tests have no graphics card."""

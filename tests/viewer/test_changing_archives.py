@@ -10,9 +10,9 @@ import trimesh
 from storage import open_archive
 from storage.formats.capture.initial import read_initial
 from storage.formats.pictures.pictures import write_png
-from storage.publication import verify_take
 from storage.schema import SEGMENTS
-from tests.figures.dances import HOSTILE, SHARED, VOXELS, add_dance, lively, make_dances
+from storage.upkeep.verification import verify_take
+from tests.figures.archives.dances import HOSTILE, SHARED, VOXELS, add_dance, lively, make_dances
 from tests.viewer.conftest import DRAWN, drawn_frames, open_viewer, opened, poll, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled]

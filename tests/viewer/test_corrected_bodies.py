@@ -10,10 +10,8 @@ import pytest
 from storage import open_archive
 from storage.formats.capture.initial import read_initial
 from storage.schema import SEGMENTS
-from tasks.studio.cameras import RingSettings, generate_cameras
-from tasks.studio.dancing.openings import stretch_arms_first
-from tasks.studio.filming import FilmSettings, film_capture
-from tests.conftest import HANGING_S, ROOT, swaying_body
+from tests.conftest import HANGING_S, ROOT
+from tests.figures.posed_captures import film_posed
 from tests.viewer.conftest import open_viewer, poll, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
@@ -22,12 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     """A small capture that begins with the arms stretched, so that it gets a pose."""
-    folder = tmp_path_factory.mktemp("films") / "posed"
-    track = stretch_arms_first(swaying_body(3, 30), 30.0)[:12]
-    ring = RingSettings(cameras=6, size=(160, 120))
-    cameras = generate_cameras(ring, center_m=(0.0, 0.9, 0.0), seed=4)
-    film_capture(folder, track, 30.0, cameras=cameras, settings=FilmSettings(voxel_m=0.025), seed=2)
-    return folder
+    return film_posed(tmp_path_factory.mktemp("films") / "posed")
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from storage import open_archive
 from storage.records import record_content, record_path
-from tests.figures.dances import make_dances
+from tests.figures.archives.dances import make_dances
 from tests.viewer.conftest import CHROMIUM, DRAWN, FLAGS, LINK, PLAYING, VISITOR, open_viewer, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled, pytest.mark.long]

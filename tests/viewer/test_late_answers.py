@@ -8,7 +8,7 @@ import pytest
 import uvicorn
 
 from tests.conftest import HANGING_S
-from tests.figures.dances import SHARED
+from tests.figures.archives.dances import SHARED
 from tests.viewer.conftest import DRAWN, PLAYING, poll, wait
 from viewer.pages.turns import Turns
 

@@ -13,7 +13,7 @@ from flows.command.main import BAD_INPUT, DONE, RUN_FAILED, WRONG_USE, main
 from storage.formats.capture.initial import read_initial
 from storage.schema import JOINTS
 from tests.conftest import ROOT
-from tests.figures.dances import SHARED, VOXELS
+from tests.figures.archives.dances import SHARED, VOXELS
 from tests.viewer.conftest import DRAWN, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiled]

@@ -12,7 +12,7 @@ import pytest
 
 from storage.schema import JOINTS
 from tests.conftest import HANGING_S, swaying_body
-from tests.figures.dances import ORIGIN_M, SHAPE, VOXEL_M, box, make_dances
+from tests.figures.archives.dances import ORIGIN_M, SHAPE, VOXEL_M, box, make_dances
 from viewer.addresses.frames import _track, _voxels
 from viewer.asking import Asking, read_address
 from viewer.digitizing import Digitizations

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from storage.schema import JOINTS
-from tests.figures.dances import ANSWER, SHARED, SURFACE
+from tests.figures.archives.dances import ANSWER, SHARED, SURFACE
 from tests.viewer.conftest import (
     DRAWN,
     HANGING_MS,

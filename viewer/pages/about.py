@@ -7,7 +7,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from storage.errors import ConflictError
-from storage.publication import Record
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.exporting.models import MOST_FRAMES
 from viewer.asking import search_address

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from storage.schema import JOINTS
 from tasks.motion.stature import DEFAULT_STATURE_M
-from tasks.retrieval.levels import LEVELS
+from tasks.retrieval.meaning.levels import LEVELS
 from tasks.retrieval.normalization import PARTS
 from viewer.asking import MOST_MATCHES, Asking
 from viewer.pages.components import button, check, field, give, say, tag

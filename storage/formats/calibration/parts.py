@@ -1,11 +1,10 @@
 """What every reader of calibrations does in the same way: numbers to cameras, faults to words."""
 
 import math
-import unicodedata
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from storage.errors import InputError
 from storage.formats.calibration.camera import Camera, nearest_rotation, rotation_from_vector
+from storage.formats.encodings import normalized
 from storage.formats.reading import listed
 
 _MOST_FAULTS = 8
@@ -70,12 +70,11 @@ def build_cameras(path: Path, parts: Iterable[Parts]) -> list[Camera]:
     if len(parts) > MOST_CAMERAS:
         refuse(path, [f"it has {len(parts):,} cameras, at most {MOST_CAMERAS:,} are read"])
     for part in parts:
-        # programs and file systems write one letter as one code or as two
-        part.name = unicodedata.normalize("NFC", part.name)
+        name = normalized(part.name)
         try:
-            cameras.append(_build(part))
+            cameras.append(_build(replace(part, name=name)))
         except ValueError as error:
-            faults.append(f"camera {part.name!r}: {error}")
+            faults.append(f"camera {name!r}: {error}")
     again = sorted(name for name, n in Counter(c.name for c in cameras).items() if n > 1)
     if again:
         faults.append(f"{listed(again)} is the name of more than one camera; rename one")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from storage.errors import InputError
+from storage.files import write_beside
 from storage.formats.calibration.camera import Y_UP_FROM, Camera, vector_from_rotation
 from storage.formats.calibration.parts import (
     Calibration,
@@ -18,7 +19,6 @@ from storage.formats.calibration.parts import (
     build_cameras,
     refuse,
 )
-from storage.formats.motion.writing import write_beside
 from storage.formats.reading import METERS, listed
 from storage.formats.toml_text import parse_toml
 

@@ -214,9 +214,8 @@ def _place(
 
 
 def _count_seeing(cameras: Sequence[Camera], volume: Volume) -> int:
-    from storage.formats.capture.camera_views import (
-        count_seeing,  # OpenCV: not for who lists captures
-    )
+    # it imports OpenCV, which who lists captures need not pay for
+    from storage.formats.capture.camera_views import count_seeing
 
     return count_seeing(cameras, volume)
 
@@ -368,9 +367,8 @@ def _views(
     assumed: bool,
 ) -> list[float]:
     """Return the share of the volume that each camera sees, and say it."""
-    from storage.formats.capture.camera_views import (
-        view_faults,  # OpenCV: not for who lists captures
-    )
+    # it imports OpenCV, which who lists captures need not pay for
+    from storage.formats.capture.camera_views import view_faults
 
     if volume is None or not cameras or any(camera.size is None for camera in cameras):
         return []

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.motion.writing import write_beside
+from storage.files import write_beside
 from storage.formats.reading import decode_text, listed, read_bytes
 from storage.schema import JOINTS, SEGMENTS
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import write_beside
 from storage.formats import reading
 from storage.formats.encodings import UTF_16_MARKS
 from storage.formats.motion import writing
@@ -343,7 +344,7 @@ def write_bvh(
     table = np.concatenate([root, angles.reshape(frames, -1)], axis=1)
     lines += ["MOTION", f"Frames: {frames}", f"Frame Time: {1 / rate_hz:.10g}"]
     body = writing.number_lines(table, ["%.6f"] * table.shape[1], " ")
-    writing.write_beside(Path(path), ("\n".join(lines) + "\n" + body).encode())
+    write_beside(Path(path), ("\n".join(lines) + "\n" + body).encode())
 
 
 def _hierarchy_lines(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import write_beside
 from storage.formats import reading
 from storage.formats.encodings import normalized
 from storage.formats.motion import writing
@@ -331,7 +332,7 @@ def write_c3d(
     whole = header.ljust(BLOCK, b"\0") + section.ljust(blocks * BLOCK, b"\0") + quads
     # With that many frames ezc3d reads to the end, and would take the filling for frames.
     filling = b"\0" * (-len(whole) % BLOCK) if frames < 65535 else b""
-    writing.write_beside(Path(path), whole + filling)
+    write_beside(Path(path), whole + filling)
 
 
 def _parameter_section(

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from storage.formats.motion.writing import write_beside
+from storage.files import write_beside
 
 _FLOAT, _UINT8, _UINT32 = 5126, 5121, 5125
 _POINTS, _TRIANGLES = 0, 4

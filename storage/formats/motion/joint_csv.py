@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from storage.files import write_beside
 from storage.formats.motion import writing
 
 
@@ -39,4 +40,4 @@ def write_joint_csv(
     table = np.concatenate([time_s, position.reshape(frames, -1)], axis=1)
     formats = ["%.9g", *["%.8f"] * (3 * joints)]
     body = writing.number_lines(table, formats, ",")
-    writing.write_beside(Path(path), (",".join(head) + "\n" + body).encode())
+    write_beside(Path(path), (",".join(head) + "\n" + body).encode())

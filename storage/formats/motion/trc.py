@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
+from storage.files import write_beside
 from storage.formats import reading
 from storage.formats.motion import writing
 from storage.formats.motion.motion_file import MotionFile
@@ -299,4 +300,4 @@ def write_trc(
     )
     formats = ["%d", "%.9g", *["%.5f"] * (3 * joints)]
     body = writing.number_lines(table, formats, "\t")
-    writing.write_beside(path, ("\n".join(head) + "\n" + body).encode())
+    write_beside(path, ("\n".join(head) + "\n" + body).encode())

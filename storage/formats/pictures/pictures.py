@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.errors import InputError
-from storage.formats.motion.writing import write_beside
+from storage.files import write_beside
 
 _QUALITIES = (85, 75, 60, 45)
 """Qualities of WebP that are tried, of 100. Chosen by eye: below the last it shows blocks."""

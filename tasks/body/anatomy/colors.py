@@ -57,8 +57,13 @@ def color_cells(color: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 def count_colors(cell: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return (cell,) how many colors fall into each cell, spread over the cells around it."""
-    count = np.bincount(cell, minlength=np.prod(SHAPE)).reshape(SHAPE).astype(np.float64)
-    return ndimage.gaussian_filter(count, SPREAD, truncate=SPREAD_WITHIN).reshape(-1)
+    return spread_counts(np.bincount(cell, minlength=COLORS))
+
+
+def spread_counts(count: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return counts (cell,) spread over the cells around each."""
+    whole = count.reshape(SHAPE).astype(np.float64)
+    return ndimage.gaussian_filter(whole, SPREAD, truncate=SPREAD_WITHIN).reshape(-1)
 
 
 def log_ratio(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

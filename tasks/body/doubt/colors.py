@@ -9,10 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from tasks.body.anatomy.bones import BONES
-from tasks.body.anatomy.colors import COLORS, SHAPE, SPREAD, SPREAD_WITHIN, log_ratio
+from tasks.body.anatomy.colors import COLORS, log_ratio, spread_counts
 from tasks.body.poses.limbs import LIMBS
 
 Floats = NDArray[np.float64]
@@ -103,12 +102,6 @@ def _count(
 
 def _learn(count: NDArray[np.int64]) -> Floats:
     """Return (part, cell) how much likelier colors are on the parts than anywhere [logarithm]."""
-    anywhere = _spread(count.sum(axis=0))
-    ratio = [log_ratio(_spread(own), anywhere) for own in count[:-1]]
+    anywhere = spread_counts(count.sum(axis=0))
+    ratio = [log_ratio(spread_counts(own), anywhere) for own in count[:-1]]
     return np.clip(np.array(ratio), -_MOST_TOLD, _MOST_TOLD)
-
-
-def _spread(count: NDArray[np.int64]) -> Floats:
-    """Return counts (cell,) spread over the cells around them."""
-    whole = count.reshape(SHAPE).astype(np.float64)
-    return ndimage.gaussian_filter(whole, SPREAD, truncate=SPREAD_WITHIN).reshape(-1)

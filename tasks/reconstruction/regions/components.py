@@ -1,4 +1,4 @@
-"""Clean a region of a picture: remove what is too small, fill its small holes.
+"""Regions of a picture: remove what is too small, fill small holes, tell where a region is.
 
 Connected pixels are found by joining the runs of each row with those of the row before (He, Chao
 and Suzuki, "A run-based two-scan labeling algorithm", 2008), so that the cost is that of reading
@@ -33,6 +33,19 @@ def clean_region(
     runs, area = np.empty((most, 4), np.int32), np.empty(most, np.int64)
     _remove_small_components(region, least[0], runs, area, cleaned)
     _fill_holes(least[1], runs, area, cleaned)
+
+
+def box_around(region: NDArray[np.uint8], margin: int) -> tuple[slice, slice] | None:
+    """Return the rows and columns of what is set, with a margin; None where nothing is."""
+    rows = np.flatnonzero(np.bitwise_or.reduce(region, axis=1))
+    if not len(rows):
+        return None
+    some = np.bitwise_or.reduce(region[rows[0] : rows[-1] + 1], axis=0)
+    columns = np.flatnonzero(some)
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + 1 + margin),
+    )
 
 
 @njit(cache=True, nogil=True)

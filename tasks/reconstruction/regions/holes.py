@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
-from tasks.geometry.projection import Projection, bend_point, camera_centers, lens_of
+from tasks.geometry.projection import (
+    Projection,
+    bend_point,
+    camera_centers,
+    lens_of,
+    viewing_rays,
+)
 from tasks.geometry.voxels import VoxelGrid
 
 _SLIT = np.ones((3, 3), np.uint8)
@@ -170,12 +176,7 @@ def measure_rays(
     thick, shared = np.zeros(len(pixels)), np.zeros(len(pixels), np.bool_)
     if not len(pixels):
         return thick, shared
-    flat = cv2.undistortPoints(
-        pixels[:, None, ::-1].astype(np.float64),
-        projection.intrinsics[camera],
-        projection.distortion[camera],
-    )[:, 0]
-    ray = np.column_stack([flat, np.ones(len(flat))]) @ projection.camera_from_world[camera, :, :3]
+    ray = viewing_rays(pixels[:, ::-1], projection, camera)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     low = np.array(grid.origin_m)
     box = np.array([low, low + (np.array(grid.shape) - 1) * grid.voxel_m])

@@ -15,7 +15,8 @@ from pathlib import Path
 from storage import Archive, create_archive
 from storage.arrays.groups import write_motion
 from storage.provenance import recorded
-from storage.publication import Record, describe_files, new_version, publish_record, version_folder
+from storage.publication import describe_files, new_version, publish_record, version_folder
+from storage.records import Record
 from storage.schema import JOINTS
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.indexing import index_take

@@ -19,8 +19,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
-from flows.processes import served_processes
-from flows.served import tag_of
+from flows.service.processes import served_processes
+from flows.service.served import tag_of
 from storage import open_archive
 from tests.benchmarks.recordings import data_folder
 from tests.benchmarks.running.overhead import settle
@@ -96,17 +96,17 @@ def remove_scans(url: str) -> int:
     """Remove all ended scans that found nothing, as a scan does after an hour; return how many."""
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
-    from flows import idle
+    from flows.service import forgetting
 
     scans = ask(url, "deployments/name/scan/inbox")["id"]
     before = ask(url, "flow_runs/count", {})
     with (
         temporary_settings({PREFECT_API_URL: url}),
-        mock.patch.object(idle, "deployment", SimpleNamespace(id=scans)),
-        mock.patch.object(idle, "_IDLE_KEPT_H", 0),
-        mock.patch.object(idle, "_IDLE_FORGOTTEN", sys.maxsize),
+        mock.patch.object(forgetting, "deployment", SimpleNamespace(id=scans)),
+        mock.patch.object(forgetting, "_IDLE_KEPT_H", 0),
+        mock.patch.object(forgetting, "_IDLE_FORGOTTEN", sys.maxsize),
     ):
-        idle.forget_idle_scans()
+        forgetting.forget_idle_scans()
     return before - ask(url, "flow_runs/count", {})
 
 
@@ -114,15 +114,15 @@ def remove_stages(url: str, archive: str) -> None:
     """Remove the stages of what went well, as scans do after a day."""
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
-    from flows import idle
+    from flows.service import forgetting
 
     with (
         temporary_settings({PREFECT_API_URL: url}),
-        mock.patch.object(idle, "flow_run", SimpleNamespace(tags=[tag_of(archive)])),
-        mock.patch.object(idle, "_STAGES_KEPT_H", 0),
-        mock.patch.object(idle, "_STAGES_FORGOTTEN", 200),
+        mock.patch.object(forgetting, "flow_run", SimpleNamespace(tags=[tag_of(archive)])),
+        mock.patch.object(forgetting, "_STAGES_KEPT_H", 0),
+        mock.patch.object(forgetting, "_STAGES_FORGOTTEN", 200),
     ):
-        idle.forget_stages()
+        forgetting.forget_stages()
     time.sleep(LOGS_S)
 
 

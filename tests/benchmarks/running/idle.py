@@ -16,9 +16,9 @@ from collections import Counter
 from contextlib import closing
 from pathlib import Path
 
-from flows.processes import served_processes
-from flows.served import ENDED
-from flows.serving import SOON_OLD
+from flows.service.environment import SOON_OLD
+from flows.service.processes import served_processes
+from flows.service.served import ENDED
 from tests.benchmarks.running.database import remove_scans, sizes_of
 from tests.benchmarks.running.share import own_time
 from tests.benchmarks.running.soak import say

@@ -19,9 +19,7 @@ from contextlib import closing
 from pathlib import Path
 
 from flows.server import ServerError, check_url
-from storage import create_archive
 from storage.formats.motion.trc import write_trc
-from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS
 from tests.conftest import swaying_body
 
@@ -36,14 +34,16 @@ SETTLED_S = 5.0
 def main() -> None:
     """Measure, and print a table."""
     if sys.argv[1:2] == [PLAIN]:
-        return take_in_plainly(*sys.argv[2:])
+        from tests.figures.archives.imported import take_in_plainly
+
+        take_in_plainly(*sys.argv[2:])
+        return
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--files", type=int, default=100)
     parser.add_argument("--frames", type=int, default=300)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         measure(Path(name), options.files, options.frames)
-    return None
 
 
 def measure(folder: Path, files: int, frames: int) -> None:
@@ -79,19 +79,6 @@ def measure(folder: Path, files: int, frames: int) -> None:
         f"{work * 1e3:.1f} ms, beyond it {(client + served - work) * 1e3:.1f} ms\n"
         f"  database {stored / 1e3:.1f} kB\n"
     )
-
-
-def take_in_plainly(archive: str, folder: str) -> None:
-    """Call what a run calls, without Prefect."""
-    from tasks.motion.importing import ImportSettings, import_take
-    from tasks.retrieval.indexing import index_take
-    from tasks.takes.publishing import publish_take
-
-    plan = plan_takes(create_archive(archive), find_recordings([folder]))
-    for recording in plan.recordings:
-        draft = import_take(archive, recording, ImportSettings())
-        index_take(archive, draft["take"], draft["version"])
-        publish_take(archive, draft, over=0)
 
 
 def start_server(folder: Path) -> tuple[Path, str, subprocess.Popen[bytes]]:

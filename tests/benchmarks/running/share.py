@@ -18,7 +18,7 @@ from typing import Any
 
 import psutil
 
-from flows.processes import served_processes
+from flows.service.processes import served_processes
 from tests.benchmarks.recordings import data_folder
 from tests.benchmarks.running.soak import say
 from tests.benchmarks.running.workers import ask, is_first, is_of, serving

@@ -21,12 +21,12 @@ from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 
-from flows.processes import served_processes
 from flows.server import is_healthy
+from flows.service.processes import served_processes
 from storage import open_archive
 from storage.formats.motion.trc import write_trc
-from storage.publication import collect_garbage
 from storage.schema import JOINTS
+from storage.upkeep.garbage import collect_garbage
 from tasks.checks.upkeep import verify_archive
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48

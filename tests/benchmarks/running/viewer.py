@@ -14,7 +14,7 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from storage import create_archive
-from tests.figures.dances import RATE_HZ, add_dance, lively
+from tests.figures.archives.dances import RATE_HZ, add_dance, lively
 from tests.viewer.conftest import CHROMIUM, FLAGS, open_viewer
 from viewer.tracks import make_palette, pack_track, pack_voxel_frame
 

@@ -32,8 +32,7 @@ from storage.index.entries import entry_of
 from storage.index.segments import new_rows, rewrite_label, write_segment
 from storage.index.snapshots import open_snapshot, publish_snapshot, verify_snapshot
 from storage.places import Place, create_file, write_file
-from storage.publication import Record
-from storage.records import record_content, record_path
+from storage.records import Record, record_content, record_path
 from storage.schema import JOINTS
 from tasks.motion.stature import measure_stature
 from tasks.retrieval.answering import answer_query

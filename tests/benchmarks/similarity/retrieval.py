@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage.schema import JOINTS
-from tasks.retrieval.chance import Chance, measure_chance
-from tasks.retrieval.levels import LEVELS, level_thresholds
+from tasks.retrieval.meaning.chance import Chance, measure_chance
+from tasks.retrieval.meaning.levels import LEVELS, level_thresholds
 from tasks.retrieval.normalization import PARTS
 from tasks.retrieval.searching import Match, Query, SearchSettings, search_takes
 from tasks.retrieval.segments import PackedTake

@@ -10,8 +10,11 @@ import pytest
 from storage.errors import InputError
 from storage.formats.calibration.reading import read_calibration
 from storage.formats.capture.capture import read_capture
+from tasks.calibration import feet
 from tasks.calibration.feet import stand_on_floor, walkers_of
 from tasks.calibration.floors import floor_of_steps
+from tasks.capture.films import projection_of
+from tasks.geometry.projection import project_points
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import walk
 from tasks.studio.filming import FilmSettings, film_capture
@@ -46,6 +49,20 @@ def test_the_error_that_is_told_is_as_large_as_the_one_that_is_made(noise_m):
         off.append(np.arcsin(np.clip(floor.up[2], -1, 1)))  # about the longer side: the worse one
         told.append(floor.error)
     assert 0.6 < np.median(told) / np.std(off) < 1.7
+
+
+def test_the_middle_of_a_walker_is_where_the_rays_through_silhouettes_meet():
+    ring = RingSettings(cameras=4, size=(160, 120))
+    projection = projection_of(generate_cameras(ring, center_m=(0.0, 0.9, 0.0), seed=1))
+    place = np.array([0.5, 1.3, -0.4])
+    pixel, _ = project_points(place[None], projection)
+    silhouettes = np.zeros((4, 120, 160), np.uint8)
+    for picture, at in zip(silhouettes, np.rint(pixel[:, 0]).astype(int), strict=True):
+        cv2.circle(picture, tuple(at.tolist()), 5, 1, cv2.FILLED)
+    found = feet._middle(silhouettes.view(bool), projection)
+    assert np.linalg.norm(found - place) < 0.03  # a pixel is 0.03 m there
+    silhouettes[1:] = 0
+    assert feet._middle(silhouettes.view(bool), projection) is None
 
 
 def film(folder, ways, *, cameras):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tasks.checks.agreement import AgreementSettings, check_agreement
-from tasks.checks.bounds import fitting_box, main_parts, parts_of
-from tasks.checks.voxel_consistency import hull_of, make_scene, measure_voxel_consistency
+from tasks.checks.hulls.bounds import fitting_box, main_parts, parts_of
+from tasks.checks.hulls.voxel_consistency import hull_of, make_scene, measure_voxel_consistency
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import volume_grid
 from tests.figures.calibration_files import looking_at

@@ -10,7 +10,7 @@ from storage import create_archive
 from storage.errors import InputError
 from storage.records import record_content, record_path
 from tasks.exporting.day_pages import day_line, read_quarantine, summarize_day
-from tests.figures.takes import publish
+from tests.figures.archives.takes import publish
 
 AT = datetime(2026, 3, 2, 18, 0, tzinfo=UTC)
 

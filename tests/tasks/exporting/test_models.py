@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from storage.schema import JOINTS
 from tasks.exporting.models import export_voxel_clip, write_joint_glb
 from tests.conftest import swaying_body
-from tests.figures.dances import ORIGIN_M, SURFACE, VOXEL_M, box, make_dances
+from tests.figures.archives.dances import ORIGIN_M, SURFACE, VOXEL_M, box, make_dances
 
 RATE_HZ = 60.0
 

@@ -11,7 +11,7 @@ from storage import create_archive
 from storage.archive import Take
 from tasks.exporting.markdown import MOST_BYTES, drawing, escaped, linked, picture
 from tasks.exporting.take_pages import take_line, take_page
-from tests.figures.digitized_takes import (
+from tests.figures.archives.digitized_takes import (
     CONFIDENCE,
     EMPTY,
     FRAMES,

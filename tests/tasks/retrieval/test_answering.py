@@ -6,14 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from storage import create_archive, open_archive
+from storage import open_archive
 from storage.errors import InputError, UnknownNameError
-from storage.recordings import find_recordings, plan_takes
-from tasks.motion.importing import ImportSettings, import_take
 from tasks.retrieval.answering import answer_query, find_matches
-from tasks.retrieval.indexing import index_take
 from tasks.retrieval.searching import SearchSettings
-from tasks.takes.publishing import publish_take
+from tests.figures.archives.imported import take_in_plainly
 
 
 @pytest.fixture
@@ -23,13 +20,7 @@ def archive(tmp_path, write_walk):
     for number, (name, frames) in enumerate({"okuri48": 80, "okuri49": 81, "brief": 9}.items()):
         write_walk(folder / f"{name}.trc", seed=number, frames=frames)
     (folder / "okuri48.toml").write_text('[take]\ntitle = "Okuri 48"\nperformer = "TK"\n')
-    location = tmp_path / "archive"
-    plan = plan_takes(create_archive(location), find_recordings([folder]))
-    for recording in plan.recordings:
-        draft = import_take(str(location), recording, ImportSettings())
-        index_take(str(location), draft["take"], draft["version"])
-        publish_take(str(location), draft, over=0)
-    return location
+    return take_in_plainly(tmp_path / "archive", folder)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +62,7 @@ def test_what_is_told_on_the_way_ends_with_the_answer_and_what_is_certain_stays(
 def test_an_open_archive_a_path_and_a_text_are_the_same_archive(archive):
     tables = [
         find_matches(each, "okuri48:20-50")
-        for each in (open_archive(archive), archive, f"{archive}")
+        for each in (open_archive(archive), Path(archive), archive)
     ]
     assert tables[0].equals(tables[1])
     assert tables[0].equals(tables[2])

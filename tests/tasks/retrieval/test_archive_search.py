@@ -7,21 +7,18 @@ from multiprocessing import get_context
 
 import pytest
 
-from storage import create_archive, open_archive
+from storage import open_archive
 from storage.errors import ArchiveError
 from storage.formats.motion.trc import write_trc
 from storage.index.segments import FOLDER
-from storage.recordings import find_recordings, plan_takes
 from storage.schema import JOINTS
-from tasks.motion.importing import ImportSettings, import_take
 from tasks.retrieval import archive_search, gathering
 from tasks.retrieval.answering import answer_query, find_query
 from tasks.retrieval.archive_search import Cluster, search_archive
 from tasks.retrieval.gathering import gather_segments
-from tasks.retrieval.indexing import index_take
 from tasks.retrieval.searching import SearchSettings
-from tasks.takes.publishing import publish_take
 from tests.conftest import swaying_body
+from tests.figures.archives.imported import take_in_plainly
 
 pytestmark = pytest.mark.compiled
 
@@ -34,16 +31,12 @@ def archive(tmp_path_factory):
     """Takes in segments of two, the last one beside them."""
     folder = tmp_path_factory.mktemp("spread")
     location = str(folder / "archive")
-    opened = create_archive(location)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gathering, "SEGMENT", 200)
         for name, seed in SEEDS.items():
             walk = folder / f"{name}.trc"
             write_trc(walk, swaying_body(seed, 90), JOINTS, 30.0)
-            (recording,) = plan_takes(opened, find_recordings([walk])).recordings
-            draft = import_take(location, recording, ImportSettings())
-            index_take(location, draft["take"], draft["version"])
-            publish_take(location, draft, over=0)
+            take_in_plainly(location, walk)
             if name != "beside":
                 gather_segments(location)
     assert len(open_archive(location).listing().snapshot.labels) >= 3

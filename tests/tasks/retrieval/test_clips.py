@@ -10,7 +10,7 @@ from storage.errors import InputError, UnknownNameError
 from storage.schema import JOINTS
 from tasks.retrieval.answering import find_matches
 from tasks.retrieval.clips import read_clip, read_path
-from tests.figures.dances import RATE_HZ, make_dances
+from tests.figures.archives.dances import RATE_HZ, make_dances
 
 
 @pytest.fixture(scope="module")

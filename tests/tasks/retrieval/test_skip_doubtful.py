@@ -12,7 +12,7 @@ from tasks.retrieval.indexing import index_take
 from tasks.retrieval.normalization import pack_motion
 from tasks.retrieval.searching import SearchSettings, clip_take, search_takes
 from tasks.retrieval.segments import PackedTake
-from tests.figures.digitized_takes import FRAMES, RATE_HZ, STATURE_M, write_digitized
+from tests.figures.archives.digitized_takes import FRAMES, RATE_HZ, STATURE_M, write_digitized
 
 DOUBTFUL = {"danced": (6, 7), "sure": ()}
 SKIP = SearchSettings(skip_doubtful=True, top=50)

@@ -19,7 +19,7 @@ from storage.formats.pictures.decoding import decode_picture, header_size
 from storage.formats.pictures.pictures import write_png
 from tests.figures import calibration_files as files
 from tests.figures.calibration_files import NAMES, looking_at, rig
-from tests.storage.formats.capture.test_capture import TOML, edit, film
+from tests.storage.formats.capture.conftest import TOML, edit, film
 
 
 def make(folder, cameras, write=files.write_pose2sim):

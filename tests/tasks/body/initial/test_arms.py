@@ -9,12 +9,7 @@ from tasks.body.anatomy.proportions import complete_joints
 from tasks.body.initial.arms import measure_arms
 from tasks.body.initial.trunk import Trunk, lift_hips
 from tasks.geometry.voxels import voxel_centers
-from tests.figures.initial_figures import GRID, VOXEL, about_y, figure_of, stretched_body, with_arms
-
-
-@pytest.fixture(scope="module")
-def stretched():
-    return stretched_body()
+from tests.figures.initial_figures import GRID, VOXEL, about_y, figure_of, with_arms
 
 
 def test_arms_are_the_same_from_behind(stretched):

@@ -1,16 +1,12 @@
-import re
+"""Joints and labels of generated performers are found, however they stand before the cameras."""
 
 import numpy as np
 import pytest
 
-from storage.errors import InputError
 from storage.formats.capture.capture import read_capture
 from storage.formats.capture.footage import read_picture
 from storage.formats.pictures.video import open_video, read_blocks
 from storage.schema import JOINTS
-from tasks.body.anatomy.proportions import LEAST_REACH
-from tasks.body.initial import search
-from tasks.body.initial.arms import measure_arms, reach_of_head
 from tasks.body.initial.held_hulls import frames_around
 from tasks.body.initial.search import (
     InitialModelSettings,
@@ -20,13 +16,12 @@ from tasks.body.initial.search import (
 )
 from tasks.capture.backgrounds import make_background
 from tasks.geometry.projection import Projection
-from tasks.geometry.voxels import VoxelGrid, volume_grid, voxel_centers
+from tasks.geometry.voxels import VoxelGrid, volume_grid
 from tasks.reconstruction.carving import CarvingSettings, carve_visual_hull
 from tasks.reconstruction.silhouettes import extract_silhouettes
 from tasks.rendering.initial_model import draw_initial_model
 from tasks.studio.dancing.choreography import freely
 from tasks.studio.performances import TK, generate_performance
-from tests.benchmarks.bodies.dances import reshape
 from tests.figures.initial_figures import (
     GRID,
     LIMBS,
@@ -36,26 +31,10 @@ from tests.figures.initial_figures import (
     figure_of,
     label_accuracy,
     runs_of,
-    stretched_body,
     with_arms,
 )
 
 TURNED = {side: [JOINTS.index(j) for j in JOINTS if j[0] == side] for side in "RL"}
-
-
-@pytest.fixture(scope="module")
-def stretched():
-    return stretched_body()
-
-
-@pytest.fixture(scope="module", params=["fitting", "kimono"])
-def figure(request, stretched):
-    return figure_of(stretched, request.param)
-
-
-@pytest.fixture(scope="module")
-def found(figure):
-    return find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
 
 
 def test_the_joints_of_a_generated_performer_are_found(figure, found):
@@ -147,169 +126,6 @@ def test_arms_that_reach_forward_are_found_there(stretched):
         assert max(off[JOINTS.index(s + n)] for s in "RL" for n in ("Elbow", "Wrist", "Fin")) < 0.05
 
 
-def test_hanging_arms_are_refused_with_what_to_do(stretched):
-    hanging = stretched.copy()
-    for side in "RL":
-        shoulder = stretched[JOINTS.index(f"{side}Shoulder")]
-        for name in ("Elbow", "Wrist", "Fin"):
-            number = JOINTS.index(side + name)
-            length = np.linalg.norm(stretched[number] - shoulder)
-            hanging[number] = shoulder + length * np.array([0.0, -1.0, 0.05])
-    runs = runs_of(figure_of(hanging, "fitting").occupied)
-    with pytest.raises(InputError, match=r"arms reach 0\.\d+ m .* arms stretched.*initial\.json"):
-        find_initial_model(runs, GRID, 30.0)
-
-
-def test_nobody_and_two_people_are_said():
-    with pytest.raises(InputError, match="in frame 0 there are only 0 voxels"):
-        find_initial_model(runs_of(np.zeros(GRID.shape, bool)), GRID, 30.0)
-    narrow = np.zeros(GRID.shape, bool)
-    narrow[20:28, :80, 30:40] = narrow[90:98, :80, 100:110] = True
-    pole, flat = np.zeros((2, *GRID.shape), bool)
-    pole[20:23, :90, 30:33] = flat[20:60, :1, 30:60] = True
-    for shape, high in ((pole, "1\\.78"), (flat, "0\\.02")):
-        with pytest.raises(InputError, match=f"reaches to two sides of a performer {high} m high"):
-            find_initial_model(runs_of(shape), GRID, 30.0)
-    with pytest.raises(InputError, match="two large pieces of 6400 and 6400 voxels"):
-        find_initial_model(runs_of(narrow), GRID, 30.0)
-
-
-def test_arms_that_are_none_are_refused(figure, monkeypatch):
-    """A fan in the right hand reaches farther than the arm, and its bones end beside the hull."""
-    fin, elbow = (figure.joints[JOINTS.index(name)] for name in ("RFin", "RElbow"))
-    out = (fin - elbow) / np.linalg.norm(fin - elbow)
-    angle, reach = np.meshgrid(np.linspace(-0.8, 0.8, 90), np.linspace(0.0, 0.7, 60))
-    up = np.array([0.0, 1.0, 0.0])
-    leaf = fin + reach[..., None] * (np.cos(angle)[..., None] * out + np.sin(angle)[..., None] * up)
-    held = figure.occupied.copy()
-    index = np.rint((leaf.reshape(-1, 3) - GRID.origin_m) / VOXEL).astype(int)
-    held[tuple(index[((index >= 0) & (index < GRID.shape)).all(axis=1)].T)] = True
-    with pytest.raises(
-        InputError, match=r"stretched sideways, or place the joints in initial\.json"
-    ):
-        find_initial_model(runs_of(held), GRID, 30.0)
-    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
-    monkeypatch.setattr(search, "bones_inside", lambda *_: 0.58)
-    strict = InitialModelSettings(least_inside=0.59)
-    with pytest.raises(
-        InputError, match=r"only \d+% of the bones that were found in frame 0 lie in"
-    ):
-        find_initial_model(runs_of(figure.occupied), GRID, 30.0, settings=strict)
-    lenient = InitialModelSettings(least_inside=0.58)
-    assert find_initial_model(runs_of(figure.occupied), GRID, 30.0, settings=lenient).frame == 0
-    assert found.confidence > 0.5
-
-
-def test_a_performer_partly_outside_the_volume_is_said(figure):
-    x = np.flatnonzero(figure.occupied.any(axis=(1, 2)))
-    cut = np.ascontiguousarray(figure.occupied[: x[-1] - 5])
-    grid = VoxelGrid(GRID.origin_m, VOXEL, cut.shape)
-    with pytest.raises(InputError, match=r"partly outside the volume .* enlarge the \[volume\]"):
-        find_initial_model(runs_of(cut), grid, 30.0)
-
-
-def test_lost_hands_are_put_in_and_said(stretched):
-    figure = figure_of(stretched, "fitting")
-    right, left = (stretched[JOINTS.index(f"{side}Fin")] for side in "RL")
-    index = np.argwhere(figure.occupied)
-    center = voxel_centers(GRID, index)
-    aside = abs((center - (right + left) / 2) @ (left - right)) / ((left - right) @ (left - right))
-    hull = np.zeros_like(figure.occupied)
-    hull[tuple(index[aside < 0.5 * 0.71].T)] = True
-    whole = find_initial_model(runs_of(figure.occupied), GRID, 30.0)
-    model = find_initial_model(runs_of(hull), GRID, 30.0)
-    assert any("lost the hands" in note for note in model.notes)
-    assert model.confidence < 0.5 * whole.confidence
-    for side in "RL":
-        off = model.position - whole.position
-        assert np.linalg.norm(off[JOINTS.index(f"{side}Fin")]) < 0.2
-
-
-def test_a_large_head_is_not_taken_for_lost_hands(stretched):
-    """A child of 1.1 m: of short legs and arms, whose head is nearly an adult's."""
-    child = reshape(stretched[None], legs=0.66, trunk=0.75, arms=0.7, head=1.15)[0]
-    figure = figure_of(child, "fitting")
-    point = voxel_centers(GRID, np.argwhere(figure.occupied))
-    assert reach_of_head(point, measure_arms(point, VOXEL)) < LEAST_REACH
-    model = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
-    assert not any("lost the hands" in note for note in model.notes)
-    error = errors_mm(model, child)
-    assert error.mean() < 40
-    assert error.max() < 110
-    assert model.confidence > 0.6
-
-
-def test_an_arm_that_is_cut_short_does_not_move_the_trunk(stretched):
-    figure = figure_of(stretched, "fitting")
-    at = dict(zip(JOINTS, stretched, strict=True))
-    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
-    outward = at["LFin"] - at["LShoulder"]
-    figure.occupied[(center - at["LWrist"]) @ outward > 0] = False
-    found = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
-    off = np.linalg.norm(found.position - stretched, axis=1) * 1000
-    error = {name: off[JOINTS.index(name)] for name in ("Neck", "RShoulder", "LShoulder")}
-    assert max(error.values()) < 45, error
-    assert found.position[JOINTS.index("LFin")] @ outward < at["LWrist"] @ outward
-
-
-def without(figure, part, more_m=0.0):
-    """Return the voxels of a figure without what is beyond a joint, seen from the one before."""
-    before, joint = (figure.joints[JOINTS.index(name)] for name in part)
-    center = np.moveaxis(np.indices(GRID.shape), 0, -1) * VOXEL + GRID.origin_m
-    beyond = (center - joint) @ (joint - before) > -more_m * np.linalg.norm(joint - before)
-    near = np.linalg.norm(center - joint, axis=-1) < 0.6
-    cut = figure.occupied & beyond & near
-    other = figure.joints[JOINTS.index("LR"[part[1][0] == "L"] + part[1][1:])]
-    cut &= np.linalg.norm(center - joint, axis=-1) < np.linalg.norm(center - other, axis=-1)
-    assert cut.sum() > 50
-    return figure.occupied & ~cut
-
-
-FOOT, HAND = ("RKnee", "RAnkle"), ("LElbow", "LWrist")
-
-
-@pytest.mark.parametrize("part", [FOOT, HAND], ids=["foot", "hand"])
-@pytest.mark.parametrize("first", [0, 5])
-def test_a_whole_frame_is_chosen(stretched, part, first):
-    """All frames but three, which are next to each other, have lost the same part."""
-    figure = figure_of(stretched, "fitting")
-    cut = without(figure, part)
-    whole = (first, first + 1, first + 2)
-    frames = [figure.occupied if number in whole else cut for number in range(8)]
-    model = find_initial_model(runs_of(*frames), GRID, 15.0, surfaces=figure.surfaces * 8)
-    assert model.frame in whole
-    assert len(model.label) == figure.occupied.sum()
-    same = find_initial_model(runs_of(figure.occupied), GRID, 15.0, surfaces=figure.surfaces)
-    np.testing.assert_allclose(model.position, same.position, atol=1e-9)
-    assert model.confidence == pytest.approx(same.confidence)
-
-
-@pytest.mark.compiled
-def test_what_each_frame_has_lost_is_put_back_from_the_others(figure, found):
-    """Every frame has lost something, each time something else."""
-    parts = (FOOT, HAND, ("LKnee", "LAnkle"), ("RElbow", "RWrist"))
-    frames = [without(figure, parts[number % 4]) for number in range(12)]
-    runs = runs_of(*frames)
-    model = find_initial_model(runs, GRID, 30.0, surfaces=figure.surfaces * 12)
-    np.testing.assert_allclose(model.position, found.position, atol=1e-9)
-    assert len(model.label) == frames[model.frame].sum()
-    assert model.confidence < found.confidence
-    assert any("what the frames around it have was put back" in note for note in model.notes)
-    assert not any("put back" in note for note in found.notes)
-
-
-def test_frames_too_far_apart_put_nothing_back(stretched):
-    """Of three frames a third of a second apart two show another pose."""
-    danced = generate_performance([freely(3)], TK, rate_hz=3.0).position
-    other = figure_of(danced[4] - danced[4].mean(axis=0) * [1, 0, 1], "fitting").occupied
-    figure = figure_of(stretched, "fitting")
-    runs = runs_of(other, figure.occupied, other)
-    model = find_initial_model(runs, GRID, 3.0, surfaces=figure.surfaces * 3)
-    alone = find_initial_model(runs_of(figure.occupied), GRID, 3.0, surfaces=figure.surfaces)
-    np.testing.assert_array_equal(model.position, alone.position)
-    assert model.confidence == alone.confidence
-
-
 def test_specks_off_the_body_have_no_label(figure, found):
     specks = np.zeros(GRID.shape, bool)
     specks[30:33, 70:74, 120:125] = specks[100:103, 2:5, 20:26] = True
@@ -319,15 +135,6 @@ def test_specks_off_the_body_have_no_label(figure, found):
     np.testing.assert_array_equal(model.label == 0, specks[figure.occupied | specks])
     np.testing.assert_array_equal(model.position, found.position)
     assert (model.label == 0).sum() > 80
-
-
-def test_a_leg_whose_end_no_frame_has_is_said(stretched):
-    figure = figure_of(stretched, "fitting")
-    frames = [without(figure, FOOT, 0.1)] * 4
-    model = find_initial_model(runs_of(*frames), GRID, 30.0, surfaces=figure.surfaces * 4)
-    assert any(re.match(r"One foot is 0\.\d\d m above the other", note) for note in model.notes)
-    whole = find_initial_model(runs_of(figure.occupied), GRID, 30.0, surfaces=figure.surfaces)
-    assert not any("One foot" in note for note in whole.notes)
 
 
 def test_joints_alone_label_as_the_search_does(figure, found):
@@ -346,22 +153,6 @@ def test_joints_alone_label_as_the_search_does(figure, found):
     assert np.mean(model.label == label) > 0.95
 
 
-def test_joints_that_do_not_fit_the_take_are_named_all_at_once(figure, found):
-    runs = runs_of(figure.occupied)
-    wrong = found.position.copy()
-    wrong[JOINTS.index("RFin")] += [0.0, 0.9, 0.0]
-    wrong[JOINTS.index("LKnee")] = np.nan
-    pattern = r"LKnee must be placed; RFin is 0\.\d\d m outside .*there are 3 labels"
-    with pytest.raises(InputError, match=pattern):
-        model_from_joints(runs, GRID, wrong, label=np.ones(3, np.uint8))
-    with pytest.raises(InputError, match="frame 7 of the initial model is not one"):
-        model_from_joints(runs, GRID, found.position, frame=7)
-    with pytest.raises(InputError, match="shows nobody"):
-        model_from_joints(runs_of(np.zeros(GRID.shape, bool)), GRID, found.position)
-    with pytest.raises(ValueError, match="cannot be labelled without LKnee"):
-        label_from_joints(runs, GRID, 0, wrong)
-
-
 def test_the_picture_shows_each_segment_from_two_sides(figure, found):
     picture = draw_initial_model(found, runs_of(figure.occupied), GRID)
     assert picture.shape == (480, 960, 3)
@@ -369,16 +160,6 @@ def test_the_picture_shows_each_segment_from_two_sides(figure, found):
         assert 0.03 < (half.min(axis=2) < 200).mean() < 0.6
     with pytest.raises(ValueError, match="pass the hulls it was made of"):
         draw_initial_model(found, runs_of(np.zeros(GRID.shape, bool)), GRID)
-
-
-def test_wrong_arguments_are_named(figure):
-    runs = runs_of(figure.occupied)
-    with pytest.raises(ValueError, match="on a grid of"):
-        find_initial_model(runs, VoxelGrid((0, 0, 0), VOXEL, (3, 4, 5)), 30.0)
-    with pytest.raises(ValueError, match="stature_m nan must be"):
-        find_initial_model(runs, GRID, 30.0, stature_m=float("nan"))
-    with pytest.raises(ValueError, match="reach is -1, it must be a number larger than 0"):
-        InitialModelSettings(reach=-1)
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 7.0, 24.0, 25.0, 29.97, 30.0, 50.0, 59.94, 120.0])

@@ -1,0 +1,1 @@
+"""What keeps an archive served by itself: server and worker, forms and schedules, the inbox."""

@@ -1,0 +1,1 @@
+"""What the hulls of silhouettes say of these: the room they take, and who contradicts whom."""

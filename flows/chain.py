@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
+from functools import partial
 from typing import Any
 
 from storage.blocks import Block, Written, block_path
@@ -52,7 +53,8 @@ frames: 2.6 ms of a processor's time a frame were idle there."""
 
 _AT_ONCE = 2
 """How many blocks of a stage are worked on at a time [blocks]. One processor packs and writes a
-block; the next block is computed meanwhile. The first one is alone: it also reads what all need."""
+block; the next block is computed meanwhile. The first one is alone: it also reads what all need.
+Blocks of silhouettes all are: their films are decoded ahead anyway."""
 
 
 def digitize(
@@ -107,24 +109,27 @@ def make_voxels(
     ranges = block_ranges(source)
 
     def run_all(
-        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]]
-    ) -> list[Written]:
+        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]],
+        in_turn: RunBlocks,
+    ) -> list[Written]:  # fmt: skip
         calls = [
             {**shared, "into": _into(recording, stage, start), **each}
             for (start, _), each in zip(ranges, own, strict=True)
         ]
-        runs = run_blocks(function, calls) if run_blocks else _run_ahead(run, function, calls)
+        runs = (run_blocks or in_turn)(function, calls)
         return _run_told(runs, stage, ranges, tell)
 
     films = run_all(
         extract_block, "silhouettes",
         [{"start": a, "end": b, "settings": settings.silhouettes} for a, b in ranges],
+        lambda function, calls: (run(function, **call) for call in calls),  # two hold 100 MB more
     )  # fmt: skip
     by = told_by(source, settings.silhouettes.background, settings.silhouettes.key)
     notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement, by=by)
     hulls = run_all(
         carve_block, "carving",
         [{"silhouettes": film, "settings": settings.carving} for film in _blocks(films)],
+        partial(_run_ahead, run),
     )  # fmt: skip
     colors = run_all(
         color_block, "coloring",
@@ -132,6 +137,7 @@ def make_voxels(
             {"silhouettes": film, "hulls": hull, "settings": settings.coloring}
             for film, hull in zip(_blocks(films), _blocks(hulls), strict=True)
         ],
+        partial(_run_ahead, run),
     )  # fmt: skip
     return {"silhouettes": films, "carving": hulls, "coloring": colors}, notes
 

@@ -46,11 +46,6 @@ Tell = Callable[[str, float], None]
 A stage that goes through the take several times tells which share of its work is done, in frames.
 """
 
-_BEGIN_AT = 0.27
-"""When writing begins of what needs no pose [share of the fit]. Face, hands and feet are found
-then; what comes next follows the body from frame to frame, on one processor. Measured with 1500
-frames: 2.6 ms of a processor's time a frame were idle there."""
-
 _AT_ONCE = 2
 """How many blocks of a stage are worked on at a time [blocks]. One processor packs and writes a
 block; the next block is computed meanwhile. The first one is alone: it also reads what all need.
@@ -79,8 +74,8 @@ def digitize(
         How a stage before the poses is run on many blocks at once; by default `run` runs one after
         another.
     begin
-        Is told when the body is followed, and returns at once: what needs no pose can be written
-        then, for it is one processor that follows. Without a pose it is not told.
+        Is told when the voxels are colored, and returns at once: what needs no pose can be written
+        beside the stages that follow, which keep one processor busy half of their time.
 
     Raises
     ------
@@ -90,8 +85,10 @@ def digitize(
     blocks, notes = make_voxels(
         archive, recording, settings, run=run, tell=tell, run_blocks=run_blocks
     )
+    if begin:
+        begin(blocks)
     try:
-        blocks |= make_poses(archive, recording, blocks, settings, run=run, tell=tell, begin=begin)
+        blocks |= make_poses(archive, recording, blocks, settings, run=run, tell=tell)
     except InputError as error:
         if capture_of(recording.path, recording.digest).initial:
             raise  # a person's mistake, to be mended by that person
@@ -143,9 +140,8 @@ def make_voxels(
 
 
 def make_poses(
-    archive: str, recording: Recording, voxels: Blocks, settings: Settings, *, run: Run, tell: Tell,
-    begin: Callable[[Blocks], Any] | None = None,
-) -> Blocks:  # fmt: skip
+    archive: str, recording: Recording, voxels: Blocks, settings: Settings, *, run: Run, tell: Tell
+) -> Blocks:
     """Run the stages from colored voxels to joints; as `digitize`."""
     shared = {"archive": archive, "capture": recording.path, "digest": recording.digest}
     hulls, colors = _blocks(voxels["carving"]), _blocks(voxels["coloring"])
@@ -158,14 +154,8 @@ def make_poses(
             model_take, **shared, colors=colors, into=_into(recording, "initial_model", 0),
             settings=settings.initial_model, still=still.block,
         )  # fmt: skip
-
-    def tell_fit(stage: str, frame: float) -> None:
-        if begin and frame >= _BEGIN_AT * frames:
-            begin(voxels)
-        tell(stage, frame)
-
     by_paper = settings.pose_fitting.method == "paper"
-    with _told(tell_fit, "pose_fitting", 0, frames):
+    with _told(tell, "pose_fitting", 0, frames):
         fit = run(
             fit_take, **shared, colors=colors, initial=model.block,
             into=_into(recording, "pose_fitting", 0),

@@ -49,7 +49,7 @@ A stage that goes through the take several times tells which share of its work i
 _AT_ONCE = 2
 """How many blocks of a stage are worked on at a time [blocks]. One processor packs and writes a
 block; the next block is computed meanwhile. The first one is alone: it also reads what all need.
-Blocks of silhouettes all are: their films are decoded ahead anyway."""
+Two blocks of silhouettes, or of provisional labels, hold up to 100 MB more and gain least."""
 
 
 def digitize(
@@ -119,7 +119,7 @@ def make_voxels(
     films = run_all(
         extract_block, "silhouettes",
         [{"start": a, "end": b, "settings": settings.silhouettes} for a, b in ranges],
-        lambda function, calls: (run(function, **call) for call in calls),  # two hold 100 MB more
+        partial(_run_in_turn, run),
     )  # fmt: skip
     by = told_by(source, settings.silhouettes.background, settings.silhouettes.key)
     notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement, by=by)
@@ -166,8 +166,9 @@ def make_poses(
     ranges = [(hull.start, hull.end) for hull in hulls]
 
     def label_all(
-        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]]
-    ) -> list[Written]:
+        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]],
+        in_turn: RunBlocks,
+    ) -> list[Written]:  # fmt: skip
         calls = [
             {
                 **shared, "still": still.block, "into": _into(recording, stage, start),
@@ -175,15 +176,16 @@ def make_poses(
             }
             for (start, end), each in zip(ranges, own, strict=True)
         ]  # fmt: skip
-        return _run_told(_run_ahead(run, function, calls), stage, ranges, tell)
+        return _run_told(in_turn(function, calls), stage, ranges, tell)
 
-    final = label_all(label_block, "final_labeling", [{} for _ in ranges])
+    final = label_all(label_block, "final_labeling", [{} for _ in ranges], partial(_run_ahead, run))
     provisional = []
     if settings.provisional_labeling.keep:
         own = {"colors": colors, "settings": settings.for_labels()}
         provisional = label_all(
             label_block_provisionally, "provisional_labeling",
             [{**own, "labels": _blocks(final[: n + 1])} for n in range(len(ranges))],
+            partial(_run_in_turn, run),
         )  # fmt: skip
     with _told(tell, "joint_tracks", 0, frames):
         tracked = run(
@@ -209,6 +211,13 @@ def _run_told(
         with _told(tell, stage, start, end):
             written.append(next(runs))
     return written
+
+
+def _run_in_turn(
+    run: Run, function: Callable[..., Written], calls: Sequence[dict[str, Any]]
+) -> Iterator[Written]:
+    """Yield what a stage's store function returns for each set of keywords, one after another."""
+    return (run(function, **call) for call in calls)
 
 
 def _run_ahead(

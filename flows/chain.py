@@ -5,8 +5,12 @@ Films -> silhouettes -> visual hulls -> colored voxels -> things that stand stil
 before the pose: its method makes them inside the fit; what the stage stores are the same.)
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
+from functools import partial
 from typing import Any
 
 from storage.blocks import Block, Written, block_path
@@ -41,6 +45,11 @@ Tell = Callable[[str, float], None]
 
 A stage that goes through the take several times tells which share of its work is done, in frames.
 """
+
+_AT_ONCE = 2
+"""How many blocks of a stage are worked on at a time [blocks]. One processor packs and writes a
+block; the next block is computed meanwhile. The first one is alone: it also reads what all need.
+Two blocks of silhouettes, or of provisional labels, hold up to 100 MB more and gain least."""
 
 
 def digitize(
@@ -97,28 +106,27 @@ def make_voxels(
     ranges = block_ranges(source)
 
     def run_all(
-        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]]
-    ) -> list[Written]:
+        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]],
+        in_turn: RunBlocks,
+    ) -> list[Written]:  # fmt: skip
         calls = [
             {**shared, "into": _into(recording, stage, start), **each}
             for (start, _), each in zip(ranges, own, strict=True)
         ]
-        runs = run_blocks(function, calls) if run_blocks else (run(function, **c) for c in calls)
-        written = []
-        for start, end in ranges:
-            with _told(tell, stage, start, end):
-                written.append(next(runs))
-        return written
+        runs = (run_blocks or in_turn)(function, calls)
+        return _run_told(runs, stage, ranges, tell)
 
     films = run_all(
         extract_block, "silhouettes",
         [{"start": a, "end": b, "settings": settings.silhouettes} for a, b in ranges],
+        partial(_run_in_turn, run),
     )  # fmt: skip
     by = told_by(source, settings.silhouettes.background, settings.silhouettes.key)
     notes = check_take(**shared, blocks=_blocks(films), settings=settings.agreement, by=by)
     hulls = run_all(
         carve_block, "carving",
         [{"silhouettes": film, "settings": settings.carving} for film in _blocks(films)],
+        partial(_run_ahead, run),
     )  # fmt: skip
     colors = run_all(
         color_block, "coloring",
@@ -126,6 +134,7 @@ def make_voxels(
             {"silhouettes": film, "hulls": hull, "settings": settings.coloring}
             for film, hull in zip(_blocks(films), _blocks(hulls), strict=True)
         ],
+        partial(_run_ahead, run),
     )  # fmt: skip
     return {"silhouettes": films, "carving": hulls, "coloring": colors}, notes
 
@@ -154,25 +163,30 @@ def make_poses(
             provisional=settings.for_labels() if by_paper else None, still=still.block,
         )  # fmt: skip
     shared |= {"initial": model.block, "fitted": fit.block}
-    final, provisional = [], []
-    for hull in hulls:
-        with _told(tell, "final_labeling", hull.start, hull.end):
-            final.append(
-                run(
-                    label_block, **shared, into=_into(recording, "final_labeling", hull.start),
-                    start=hull.start, end=hull.end, still=still.block,
-                )
-            )  # fmt: skip
-        if not settings.provisional_labeling.keep:
-            continue
-        with _told(tell, "provisional_labeling", hull.start, hull.end):
-            provisional.append(
-                run(
-                    label_block_provisionally, **shared, colors=colors, labels=_blocks(final),
-                    into=_into(recording, "provisional_labeling", hull.start), start=hull.start,
-                    end=hull.end, settings=settings.for_labels(), still=still.block,
-                )
-            )  # fmt: skip
+    ranges = [(hull.start, hull.end) for hull in hulls]
+
+    def label_all(
+        function: Callable[..., Written], stage: str, own: Sequence[dict[str, Any]],
+        in_turn: RunBlocks,
+    ) -> list[Written]:  # fmt: skip
+        calls = [
+            {
+                **shared, "still": still.block, "into": _into(recording, stage, start),
+                "start": start, "end": end, **each,
+            }
+            for (start, end), each in zip(ranges, own, strict=True)
+        ]  # fmt: skip
+        return _run_told(in_turn(function, calls), stage, ranges, tell)
+
+    final = label_all(label_block, "final_labeling", [{} for _ in ranges], partial(_run_ahead, run))
+    provisional = []
+    if settings.provisional_labeling.keep:
+        own = {"colors": colors, "settings": settings.for_labels()}
+        provisional = label_all(
+            label_block_provisionally, "provisional_labeling",
+            [{**own, "labels": _blocks(final[: n + 1])} for n in range(len(ranges))],
+            partial(_run_in_turn, run),
+        )  # fmt: skip
     with _told(tell, "joint_tracks", 0, frames):
         tracked = run(
             track_take, **shared, labels=_blocks(final), into=_into(recording, "joint_tracks", 0),
@@ -186,6 +200,49 @@ def make_poses(
         **({"provisional_labeling": provisional} if provisional else {}),
         "joint_tracks": [tracked],
     }
+
+
+def _run_told(
+    runs: Iterator[Written], stage: str, ranges: Sequence[tuple[int, int]], tell: Tell
+) -> list[Written]:
+    """Return what a stage gives back of each block, and tell how far it is."""
+    written = []
+    for start, end in ranges:
+        with _told(tell, stage, start, end):
+            written.append(next(runs))
+    return written
+
+
+def _run_in_turn(
+    run: Run, function: Callable[..., Written], calls: Sequence[dict[str, Any]]
+) -> Iterator[Written]:
+    """Yield what a stage's store function returns for each set of keywords, one after another."""
+    return (run(function, **call) for call in calls)
+
+
+def _run_ahead(
+    run: Run, function: Callable[..., Written], calls: Sequence[dict[str, Any]]
+) -> Iterator[Written]:
+    """Yield what a stage's store function returns for each set of keywords, in their order.
+
+    Who listens hears of the first block as it is worked on, and of the others when they are done.
+    """
+    first, *others = calls
+    yield run(function, **first)
+    running: deque[Future[Written]] = deque()
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        for call in others:
+            running.append(pool.submit(copy_context().run, _unheard, run, function, call))
+            if len(running) == _AT_ONCE:
+                yield running.popleft().result()
+        while running:
+            yield running.popleft().result()
+
+
+def _unheard(run: Run, function: Callable[..., Written], call: dict[str, Any]) -> Written:
+    """Run a stage's store function; who listens to another block hears nothing of it."""
+    with listening(lambda _share: None):
+        return run(function, **call)
 
 
 @contextmanager

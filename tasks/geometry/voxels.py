@@ -124,7 +124,11 @@ def voxel_centers(grid: VoxelGrid, index: NDArray[np.integer]) -> NDArray[np.flo
 
     A coordinate is `origin_m + index * voxel_m` in float64: the very number that is carved.
     """
-    return np.asarray(grid.origin_m, np.float64) + index * float(grid.voxel_m)
+    center = np.empty(index.shape)
+    for axis, origin in enumerate(grid.origin_m):  # three numbers at a time take six times as long
+        np.multiply(index[..., axis], float(grid.voxel_m), out=center[..., axis])
+        center[..., axis] += origin
+    return center
 
 
 def encode_runs(occupied: NDArray[np.bool_]) -> VoxelRuns:

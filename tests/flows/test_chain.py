@@ -17,6 +17,7 @@ from tasks.body import paper_method
 from tasks.capture import films as capture_films
 from tasks.engine.compiling import read_list
 from tasks.engine.fingerprints import fingerprint
+from tasks.engine.progress import listening, report
 from tasks.settings import Settings, read_settings
 from tasks.takes.assembling import assemble_take
 from tasks.takes.beginning import GivenUpError, begin_take, beginning_beside
@@ -80,7 +81,7 @@ def digitize(posed, monkeypatch):
 _KNOWN: dict = {}
 
 LABELS = ["label_block_provisionally"] * 2
-AFTER_FIT = ["label_block", "label_block_provisionally"] * 2 + ["track_take"]
+AFTER_FIT = ["label_block"] * 2 + LABELS + ["track_take"]
 AFTER_HULLS = ["color_block"] * 2 + ["model_take", "fit_take", *AFTER_FIT]
 
 
@@ -103,6 +104,30 @@ def test_a_setting_computes_what_reads_it_anew_and_nothing_else(digitize, tables
     _, again = digitize(tables)
     assert again == computed
     assert digitize(tables)[1] == []
+
+
+def test_two_blocks_are_worked_on_at_a_time_and_come_in_order():
+    """Those after the first meet in pairs, so that one alone would wait for ever."""
+    meeting, at_work, most = threading.Barrier(2), [], []
+
+    def work(n):
+        at_work.append(n)
+        most.append(len(at_work))
+        if n:
+            meeting.wait(30.0)
+        at_work.remove(n)
+        return n
+
+    def run(function, **parameters):
+        report(1, 2)
+        return function(**parameters)
+
+    heard = []
+    with listening(heard.append, every_s=0.0):
+        done = list(chain._run_ahead(run, work, [{"n": n} for n in range(5)]))
+    assert done == [0, 1, 2, 3, 4]
+    assert max(most) == 2
+    assert heard == [0.5], "only the first block is heard of"
 
 
 def test_a_take_without_provisional_labels_is_whole(posed, digitize):

@@ -10,10 +10,6 @@ from numpy.typing import NDArray
 
 from tasks.engine.kernels import njit
 
-_EIGHTS = 8
-"""Of how many bytes of a row the pixels before them are counted together [bytes]. It changes the
-speed only."""
-
 _BITS_OF = np.bitwise_count(np.arange(256)).astype(np.int64)
 """How many bits of a byte are set."""
 
@@ -51,8 +47,7 @@ def number_pixels(packed: NDArray[np.uint8], pixel: NDArray[np.int32]) -> NDArra
     (camera, voxel) int32
         -1 where there is none.
     """
-    cameras, rows, eights = packed.shape
-    before = np.empty((cameras, rows, -(-eights // _EIGHTS)), np.int32)
+    before = np.empty(packed.shape, np.int32)
     number = np.empty(pixel.shape[:2], np.int32)
     _number(packed, pixel, before, number)
     return number
@@ -81,22 +76,18 @@ def _take(packed: Any, image: Any, pixels: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _number(packed: Any, pixel: Any, before: Any, number: Any) -> None:
-    """Count the pixels before each part of a row, and on from there to those that are asked for."""
+    """Count the pixels before each byte, and on from there to those that are asked for."""
     count = 0
     for c in range(packed.shape[0]):
         for row in range(packed.shape[1]):
             for byte in range(packed.shape[2]):
-                if byte % _EIGHTS == 0:
-                    before[c, row, byte // _EIGHTS] = count
-                if packed[c, row, byte]:
-                    count += _BITS_OF[packed[c, row, byte]]
+                before[c, row, byte] = count
+                count += _BITS_OF[packed[c, row, byte]]
     for c in range(pixel.shape[0]):
         for n in range(pixel.shape[1]):
             row, column = pixel[c, n, 0], pixel[c, n, 1]
             number[c, n] = -1
             if row >= 0:
-                part, last = column // 8 // _EIGHTS, column // 8
-                found = before[c, row, part]
-                for byte in range(part * _EIGHTS, last):
-                    found += _BITS_OF[packed[c, row, byte]]
-                number[c, n] = found + _BITS_OF[packed[c, row, last] >> (8 - column % 8)]
+                byte = column >> 3
+                here = packed[c, row, byte] >> (8 - (column & 7))
+                number[c, n] = before[c, row, byte] + _BITS_OF[here]

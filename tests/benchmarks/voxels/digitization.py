@@ -8,6 +8,7 @@ eight cameras of 320 x 240, in voxels of 1 cm.
 """
 
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -21,7 +22,6 @@ import numpy as np
 
 from flows import chain
 from storage import create_archive, open_archive
-from storage.blocks import Written
 from storage.formats.capture.capture import read_capture
 from storage.formats.pictures.video import open_video, read_frames
 from storage.formats.pictures.video_writing import write_video
@@ -76,21 +76,24 @@ def digitize(capture: Path, archive: str) -> dict[str, Any]:
     )
     spent: dict[str, list[float]] = {}
 
-    def run(function: Any, **parameters: Any) -> Written:
-        clock, processor = time.monotonic(), used()
-        written = function(**parameters)
-        took = (time.monotonic() - clock, used() - processor)
-        stage = function.__module__.rsplit(".", 1)[-1]
-        spent[stage] = [a + b for a, b in zip(spent.get(stage, (0.0, 0.0)), took, strict=True)]
-        return written
+    last, told = (time.monotonic(), used()), ""
+
+    def tell(stage: str, _frame: float) -> None:
+        """Add what passed since this stage told the last time; two blocks of it run at once."""
+        nonlocal last, told
+        now = time.monotonic(), used()
+        if stage == told:
+            took = (now[0] - last[0], now[1] - last[1])
+            spent[stage] = [a + b for a, b in zip(spent.get(stage, (0.0, 0.0)), took, strict=True)]
+        last, told = now, stage
 
     named = (archive, str(capture), recording.digest, source.take)
     tables = settings_of_stages(settings)
     begun = (time.monotonic(), used())
     with beginning_beside(*named, tables) as begin:
         blocks, _ = chain.digitize(
-            opened.location, recording, settings, run=run, tell=lambda _stage, _end: None,
-            begin=begin,
+            opened.location, recording, settings,
+            run=lambda function, **parameters: function(**parameters), tell=tell, begin=begin,
         )  # fmt: skip
         clock, processor = time.monotonic(), used()
         draft = assemble_take(
@@ -122,7 +125,8 @@ def _share_of_dense(archive: str, take: str) -> float:
 def measure(capture: Path, archive: Path) -> dict[str, Any]:
     """Digitize a capture in a process of its own, after one that compiled everything."""
     command = [sys.executable, "-m", __spec__.name, "--once", str(capture), str(archive)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # `flows` says so, but numpy comes first
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=alone)
     return json.loads(done.stdout)
 
 

@@ -123,6 +123,9 @@ class Candidates:
     """(face candidate,) distance to the nearest end of the surface, statures; infinite where there
     is none. The top of a head is an end."""
 
+    face_bare: Floats | float = 0.0
+    """(face candidate,) how much of the head's other colors lack around it, 0 to 1."""
+
 
 @dataclass(frozen=True)
 class ReferenceMasses:
@@ -216,6 +219,11 @@ def find_candidates(
         (faces - heads) / stature_m,
         to_end / stature_m,
     )
+
+
+def is_skin(frame: SurfaceFrame, model: SkinModel) -> NDArray[np.bool_]:
+    """Return which voxels (voxel,) have rather the color of a hand or face than another."""
+    return (_ratios(frame, model) > 0.0).any(axis=0)
 
 
 def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:

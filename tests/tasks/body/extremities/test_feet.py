@@ -75,7 +75,7 @@ def test_feet_that_cross_keep_their_sides(rng):
     found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
     face = np.tile((0.0, 1.5, 0.1), (30, 1))
     facing = np.tile((0.0, 0.0, 1.0), (30, 1))
-    place, weight = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS)
+    place, weight, _ = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS)
     seen = np.isfinite(place[:, 0, 0])
     assert not seen[18:22].any()
     assert seen.sum() == 26

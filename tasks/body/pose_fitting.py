@@ -119,8 +119,8 @@ def fit_take(
         the numbers of voxels in which something stays off a body that was measured with
         confidence; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
-        with (`initial_joint`) and the labels of its voxels (`initial_label`), and where face and hands were seen (`seen`), with the colors of
-        skin.
+        with (`initial_joint`) and the labels of its voxels (`initial_label`), and where face and
+        hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()
     source = capture_of(capture, digest)

@@ -20,10 +20,6 @@ from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
 
-BALL = 0.1
-"""Radius of the ball around a face that holds the front half of the head [statures]. As
-`CandidateSettings.head_ball`."""
-
 KNOWN_FROM = 0.5
 """Logarithm of how much likelier a color is on the head from which it is recognized [nats]. As of a
 foot."""
@@ -45,7 +41,7 @@ class HairColors:
 
 
 def learn_hair(
-    frames: Sequence[tuple[SurfaceFrame, NDArray[np.bool_]]], face: Floats, stature_m: float
+    frames: Sequence[tuple[SurfaceFrame, NDArray[np.bool_]]], face: Floats, radius_m: float
 ) -> HairColors | None:
     """Return the colors of the head; None where nothing of it shows but skin.
 
@@ -55,13 +51,13 @@ def learn_hair(
         Of the initial model, or near it, with what is skin.
     face : (3,) float64
         Where the face is in them, m.
-    stature_m
-        The performer's height.
+    radius_m
+        Of the ball around a face that holds the front half of the head.
     """
     heads, others, shown = [], [], []
     for frame, skin in frames:
         told = ~skin & (frame.camera != NO_CAMERA)
-        near = np.linalg.norm(frame.center - face, axis=1) < BALL * stature_m
+        near = np.linalg.norm(frame.center - face, axis=1) < radius_m
         cell = color_cells(frame.color)
         heads.append(cell[told & near & (frame.center[:, 1] > face[1])])
         others.append(cell[told & ~near])
@@ -72,20 +68,20 @@ def learn_hair(
     ratio = np.clip(log_ratio(count_colors(head), count_colors(other)), 0.0, MOST_OWN)
     known = separability(ratio, head, other, least=KNOWN_FROM)
     colors = HairColors(ratio, known, 1.0)
-    mass = np.mean([_sum_around(frame, face[None], ratio, stature_m)[0] for frame in shown])
+    mass = np.mean([_sum_around(frame, face[None], ratio, radius_m)[0] for frame in shown])
     return HairColors(ratio, known, float(mass)) if mass > colors.mass else None
 
 
-def hair_around(frame: SurfaceFrame, face: Floats, colors: HairColors, stature_m: float) -> Floats:
-    """Return how much hair is around places (place, 3), m; 1 is as much as around the first face."""
-    return _sum_around(frame, face, colors.ratio, stature_m) / colors.mass
+def hair_around(frame: SurfaceFrame, face: Floats, colors: HairColors, radius_m: float) -> Floats:
+    """Return how much hair is around places (place, 3), m; 1 is as much as around a face."""
+    return _sum_around(frame, face, colors.ratio, radius_m) / colors.mass
 
 
-def _sum_around(frame: SurfaceFrame, place: Floats, ratio: Floats, stature_m: float) -> Floats:
+def _sum_around(frame: SurfaceFrame, place: Floats, ratio: Floats, radius_m: float) -> Floats:
     """Return (place,) the sum of the ratios of the voxels around places."""
     found = np.zeros(len(place))
     cell = color_cells(frame.color)
-    _add_near(frame.center, frame.camera, cell, ratio, place, BALL * stature_m, found)
+    _add_near(frame.center, frame.camera, cell, ratio, place, radius_m, found)
     return found
 
 

@@ -135,14 +135,15 @@ def find_extremities(
     )
 
     feet = learn_feet(shown, joints, stature_m, settings.feet)
-    hair = learn_hair([(frame, is_skin(frame, model)) for frame in shown], start[0], stature_m)
+    ball_m = settings.candidates.head_ball * stature_m
+    hair = learn_hair([(frame, is_skin(frame, model)) for frame in shown], start[0], ball_m)
 
     def find(t: int) -> tuple[Candidates, tuple[Floats, Floats]]:
         frame, none = frames[t], (np.empty((0, 3)), np.empty(0))
         stood = find_feet_of(frame, feet, stature_m, settings.feet) if feet else none
         found = find_candidates(frame, model, references, stature_m, settings.candidates)
         if hair:
-            there = settings.enough_hair * hair_around(frame, found.face, hair, stature_m)
+            there = settings.enough_hair * hair_around(frame, found.face, hair, ball_m)
             found = replace(found, face_bare=hair.known * (1.0 - np.minimum(there, 1.0)))
         return found, stood
 

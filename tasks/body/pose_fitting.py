@@ -131,11 +131,13 @@ def fit_take(
         initial.start, first["position"], first["label"], float(first["stature_m"]), source.fps
     )
     with within(0.0, _SEEN):
-        other, cost = _with_feet_exchanged(frames, start)
+        other, cost = start, np.inf
+        if settings.method == "joint" and not source.initial:  # else feet are as they were placed
+            other, cost = _with_feet_exchanged(frames, start)
         seen = find_extremities(
             _Surfaces(frames), source.fps, start.stature_m,
             dict(zip(JOINTS, start.position, strict=True)), initial_frame=start.frame,
-            exchange_cost=np.inf if source.initial else cost, settings=settings.extremities,
+            exchange_cost=cost, settings=settings.extremities,
         )  # fmt: skip
         start = other if seen.feet_exchanged else start
     with within(_SEEN, _FITTED):

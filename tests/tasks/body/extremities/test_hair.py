@@ -22,7 +22,7 @@ def rng():
 def dancer(rng, *, head=HAIR):
     """A face before a ball of hair, a hand before it in a sleeve, and a gown."""
     parts = [
-        (FACE, 0.05, 300, SKIN), (FACE + (0.0, 0.06, -0.06), 0.08, 500, head),
+        (FACE, 0.05, 300, SKIN), (np.add(FACE, (0.0, 0.06, -0.06)), 0.08, 500, head),
         (HAND, 0.05, 300, SKIN), (HAND - [0.0, 0.1, 0.1], 0.1, 400, CLOTH),
         (np.array([0.0, 0.8, 0.0]), 0.4, 2000, CLOTH),
     ]  # fmt: skip

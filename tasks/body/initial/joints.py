@@ -26,7 +26,7 @@ from tasks.body.initial.legs import (
     measure_depths,
     measure_leg,
 )
-from tasks.body.initial.raised import find_raised_foot
+from tasks.body.initial.raised import find_raised_foot, standing_part
 from tasks.body.initial.trunk import Trunk, lift_hips, measure_trunk
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
@@ -166,8 +166,9 @@ def _with_raised(
     trunk: Trunk, voxel_m: float,
 ) -> list[Points]:  # fmt: skip
     """Return a foot, and another one off the floor if there is one, against and along `left`."""
-    other = find_raised_foot(point, foot, colored, trunk.stature_m, voxel_m)
-    feet = [foot] if other is None else [foot, other]
+    stands = standing_part(foot, voxel_m)
+    other = find_raised_foot(point, stands, colored, trunk.stature_m, voxel_m)
+    feet = [foot] if other is None else [stands, other]
     return sorted(feet, key=lambda each: float(np.median(each @ arms.left)))
 
 

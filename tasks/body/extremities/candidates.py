@@ -225,7 +225,7 @@ def find_candidates(
 
 def is_skin(frame: SurfaceFrame, model: SkinModel) -> NDArray[np.bool_]:
     """Return which voxels (voxel,) have rather the color of a hand or face than another."""
-    return (_ratios(frame, model) > 0.0).any(axis=0)
+    return _ratios(frame, model).max(axis=0) > 0.0
 
 
 def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:

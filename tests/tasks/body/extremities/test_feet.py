@@ -104,6 +104,21 @@ def test_feet_that_were_taken_for_each_other_are_told_by_the_take(rng, taken):
     assert not told
 
 
+def test_feet_that_stay_crossed_for_long_at_first_are_right(rng):
+    """The initial model has heard what their sides tell as long as they stay."""
+    t = np.clip(np.linspace(-3.0, 1.0, 90), 0.0, 1.0)[:, None]
+    right = np.array([0.05, 0.04, 0.2]) - t * (0.12, 0.0, 0.0)
+    left = np.array([-0.05, 0.04, -0.1]) + t * (0.12, 0.0, 0.0)
+    frames = [dancer(rng, r, o) for r, o in zip(right, left, strict=True)]
+    feet = learn_feet(frames[:3], joints_at(right[0], left[0]), STATURE, SETTINGS)
+    assert feet is not None
+    found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
+    face, facing = np.tile((0.0, 1.5, 0.1), (90, 1)), np.tile((0.0, 0.0, 1.0), (90, 1))
+    place, _, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, 3.0)
+    assert not told
+    assert np.linalg.norm(place[:, 0] - right, axis=1).max() < 0.05
+
+
 def test_what_feet_that_stand_as_at_first_tell_is_not_heard_again():
     position = np.zeros((9, 2, 3))
     position[:2, 0], position[6:, 1], position[4] = 0.2, 0.1, np.nan

@@ -65,6 +65,24 @@ def test_where_only_skin_is_seen_there_is_no_hair(rng):
     np.testing.assert_array_equal(hair_around(empty, FACE[None], hair, BALL_M), [0.0])
 
 
+def test_what_is_worn_below_the_face_is_no_hair(rng):
+    """A collar reaches into the ball around the face."""
+    first = dancer(rng)
+    collar = FACE + rng.uniform(-0.05, 0.05, (200, 3)) - [0.0, 0.08, 0.03]
+    gold = np.tile(np.array((196, 158, 44), np.uint8), (200, 1))
+    frame = SurfaceFrame(
+        np.concatenate([first.center, collar]), np.concatenate([first.color, gold]),
+        np.zeros(len(first.center) + 200, np.uint8),
+    )  # fmt: skip
+    below = frame.center[:, 1] < FACE[1]
+    own = below & (np.linalg.norm(frame.center - FACE, axis=1) < BALL_M)
+    hair = learn_hair([(frame, is_skin(frame) & (frame.color[:, 2] > 100))], FACE, BALL_M)
+    assert hair is not None
+    gilded = SurfaceFrame(frame.center[own], frame.color[own], frame.camera[own])
+    only = gilded.color[:, 0] > 180
+    assert hair.ratio[color_cells(gilded.color[only & (gilded.color[:, 2] < 100)])].max() == 0.0
+
+
 def test_sums_are_those_of_all_voxels_in_a_ball_that_have_a_color(rng):
     first = dancer(rng)
     hair = learn_hair([(first, is_skin(first))], FACE, BALL_M)

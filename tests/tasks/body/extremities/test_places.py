@@ -53,6 +53,12 @@ def test_hands_that_cross_keep_their_sides(rng, sash):
     assert (np.linalg.norm(face, axis=1) < 0.06).all()
     assert (found.facing[:, 2] > 0.9).all()
     assert abs(found.facing[:, 0]).max() < 0.2
+    spots = np.concatenate([each.face for each in found.candidates])
+    bare = np.concatenate([each.face_bare for each in found.candidates])
+    away = np.linalg.norm(spots - [0.0, 1.49, 0.07], axis=1)
+    assert (bare[away < 0.06] < 0.3).all()
+    assert (bare[away > 0.4] > 0.5).all()
+    assert (away > 0.4).any()
 
 
 @too_slow_interpreted

@@ -8,6 +8,7 @@ labels the voxels of a frame is then known for every frame.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -49,11 +50,6 @@ _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
 _SEEN, _FITTED = 0.27, 0.9
 """How much of the stage's time is over when face, hands and feet are found, and when the poses are
 fitted [share]. Measured as those of `tasks.body.poses.joint`."""
-
-_FEET_KEPT = 3.0
-"""What it costs, on top of what knees tell, that the initial model has the feet for each other
-[nats]. By their sides the feet of a whole take cost 7 to 40 nats less as they are than exchanged
-where they were right, in rendered captures."""
 
 _LOOKED_AT = 48
 """In how many frames all over a take what stays far from the body is looked for [frames]. Chosen,
@@ -127,19 +123,18 @@ def fit_take(
     place = open_archive(archive).place
     frames = VoxelFrames(place, grid_of(source), hulls, colors, still)
     first = read_block(place, initial)
-    start = Start(
+    taken = Start(
         initial.start, first["position"], first["label"], float(first["stature_m"]), source.fps
     )
     with within(0.0, _SEEN):
-        other, cost = start, np.inf
-        if settings.method == "joint" and not source.initial:  # else feet are as they were placed
-            other, cost = _with_feet_exchanged(frames, start)
+        placed = settings.method == "paper" or source.initial
+        exchange = cache(lambda: _with_feet_exchanged(frames, taken))
         seen = find_extremities(
-            _Surfaces(frames), source.fps, start.stature_m,
-            dict(zip(JOINTS, start.position, strict=True)), initial_frame=start.frame,
-            exchange_cost=cost, settings=settings.extremities,
+            _Surfaces(frames), source.fps, taken.stature_m,
+            dict(zip(JOINTS, taken.position, strict=True)), initial_frame=taken.frame,
+            exchange_cost=None if placed else lambda: exchange()[1], settings=settings.extremities,
         )  # fmt: skip
-        start = other if seen.feet_exchanged else start
+        start = exchange()[0] if seen.feet_exchanged else taken
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
             measured = float(first["confidence"]) >= settings.doubts.least_confidence
@@ -272,7 +267,7 @@ def _with_feet_exchanged(frames: VoxelFrames, start: Start) -> tuple[Start, floa
     label = np.zeros_like(start.label)
     label[own] = label_points(voxel_centers(frames.grid, index[own]), joints)
     position = np.array([joints[name] for name in JOINTS])
-    return replace(start, position=position, label=label), _FEET_KEPT + max(worse, 0.0)
+    return replace(start, position=position, label=label), max(worse, 0.0)
 
 
 def _labels_to_carry(

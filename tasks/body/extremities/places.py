@@ -8,7 +8,7 @@ its way. A place's weight is how much the other paths, weighed with their likeli
 the best one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +85,7 @@ def find_extremities(
     joints: Mapping[str, NDArray[np.float64]],
     *,
     initial_frame: int = 0,
-    exchange_cost: float = np.inf,
+    exchange_cost: Callable[[], float] | None = None,
     settings: ExtremitySettings | None = None,
 ) -> Extremities:
     """Return where face, hands and feet are in every frame of a take.
@@ -104,7 +104,7 @@ def find_extremities(
     initial_frame
         The frame that the initial model is of; the hands' sides are decided there.
     exchange_cost
-        What it costs that the feet have each other's sides there [nats].
+        Tells what it costs that the feet have each other's sides there, as for `choose_feet`.
     settings
         How skin is learned, and paths are weighed.
 

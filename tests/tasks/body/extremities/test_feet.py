@@ -97,11 +97,14 @@ def test_feet_that_were_taken_for_each_other_are_told_by_the_take(rng, taken):
     assert feet is not None
     found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
     face, facing = np.tile((0.0, 1.5, 0.1), (90, 1)), np.tile((0.0, 0.0, 1.0), (90, 1))
-    place, _, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, 3.0)
+    place, _, told = choose_feet(
+        found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, lambda: 0.0
+    )
     assert told == taken
     assert np.linalg.norm(place[:, 0] - right, axis=1).max() < 0.05
-    *_, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS)
-    assert not told
+    for cost in (None, lambda: 100.0):
+        *_, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, cost)
+        assert not told
 
 
 def test_feet_that_stay_crossed_for_long_at_first_are_right(rng):
@@ -114,7 +117,9 @@ def test_feet_that_stay_crossed_for_long_at_first_are_right(rng):
     assert feet is not None
     found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
     face, facing = np.tile((0.0, 1.5, 0.1), (90, 1)), np.tile((0.0, 0.0, 1.0), (90, 1))
-    place, _, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, 3.0)
+    place, _, told = choose_feet(
+        found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, lambda: 0.0
+    )
     assert not told
     assert np.linalg.norm(place[:, 0] - right, axis=1).max() < 0.05
 

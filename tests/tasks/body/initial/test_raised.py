@@ -52,11 +52,11 @@ def test_a_foot_on_tiptoe_is_found_whose_toes_are_as_low_as_the_one_that_stands(
     point, colored = seen(rng, (STANDS, SOCK), (tiptoe, SOCK), (ROBE, SKIRT))
     body = SimpleNamespace(left=np.array([1.0, 0.0, 0.0]), stature_m=STATURE_M)
     low = np.concatenate([toes, STANDS])
-    right, left = _with_raised(low, point, colored, body, body, VOXEL_M)  # pyright: ignore
+    right, left = _with_raised(low, point, colored, body, body, VOXEL_M)
     np.testing.assert_array_equal(right, STANDS)
     assert (left[:, 0] > 0.0).all()
     assert len(left) >= len(tiptoe)
-    [alone] = _with_raised(low, ROBE, (STANDS, colored[1][: len(STANDS)]), body, body, VOXEL_M)  # pyright: ignore
+    [alone] = _with_raised(low, ROBE, (STANDS, colored[1][: len(STANDS)]), body, body, VOXEL_M)
     np.testing.assert_array_equal(alone, low)
 
 

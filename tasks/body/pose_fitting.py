@@ -8,6 +8,7 @@ labels the voxels of a frame is then known for every frame.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +29,7 @@ from tasks.body.doubt.reasons import DoubtSettings, find_doubts, settle_doubt
 from tasks.body.doubt.repair import doubt_and_repair
 from tasks.body.extremities.places import Extremities, find_extremities
 from tasks.body.extremities.settings import ExtremitySettings
+from tasks.body.initial.joints import exchange_feet
 from tasks.body.labels.fields import carry_back
 from tasks.body.labels.final import make_body_fields
 from tasks.body.labels.provisional import ProvisionalSettings
@@ -113,23 +115,26 @@ def fit_take(
         the numbers of voxels in which something stays off a body that was measured with
         confidence; of
         `paper` `blob_mean` and `blob_inverse` a frame), the joints that the body was measured
-        with (`initial_joint`), and where face and hands were seen (`seen`), with the colors of
-        skin.
+        with (`initial_joint`) and the labels of its voxels (`initial_label`), and where face and
+        hands were seen (`seen`), with the colors of skin.
     """
     begun = time.monotonic()
     source = capture_of(capture, digest)
     place = open_archive(archive).place
     frames = VoxelFrames(place, grid_of(source), hulls, colors, still)
     first = read_block(place, initial)
-    start = Start(
+    taken = Start(
         initial.start, first["position"], first["label"], float(first["stature_m"]), source.fps
     )
     with within(0.0, _SEEN):
+        placed = settings.method == "paper" or source.initial
+        exchange = cache(lambda: _with_feet_exchanged(frames, taken))
         seen = find_extremities(
-            _Surfaces(frames), source.fps, start.stature_m,
-            dict(zip(JOINTS, start.position, strict=True)),
-            initial_frame=start.frame, settings=settings.extremities,
+            _Surfaces(frames), source.fps, taken.stature_m,
+            dict(zip(JOINTS, taken.position, strict=True)), initial_frame=taken.frame,
+            exchange_cost=None if placed else lambda: exchange()[1], settings=settings.extremities,
         )  # fmt: skip
+        start = exchange()[0] if seen.feet_exchanged else taken
     with within(_SEEN, _FITTED):
         if settings.method == "joint":
             measured = float(first["confidence"]) >= settings.doubts.least_confidence
@@ -153,6 +158,7 @@ def fit_take(
             arrays["doubtful"] = arrays["doubtful"] | told
         if "doubt" in arrays:
             arrays |= settle_doubt(arrays["doubt"], arrays["quality"], arrays, settings.doubts)
+    arrays["initial_label"] = start.label
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face
     return write_block(place, into, (0, len(frames)), arrays, begun)
@@ -247,6 +253,21 @@ def _hold_given_joints(given: Path | None, settings: JointMethodSettings) -> Joi
     was 0.4 to 3 mm larger in the first 90 frames of each of six rendered takes.
     """
     return settings if given is None else replace(settings, joint_rounds=0)
+
+
+def _with_feet_exchanged(frames: VoxelFrames, start: Start) -> tuple[Start, float]:
+    """Return what a take begins with if its feet were taken for each other, and what that costs.
+
+    Legs that stand one before the other, or crossed, show little of which foot is whose.
+    """
+    index = frames.index(start.frame)
+    own = start.label > 0
+    joints = complete_joints(dict(zip(JOINTS, start.position, strict=True)))
+    joints, worse = exchange_feet(joints, index[own], frames.grid, start.stature_m)
+    label = np.zeros_like(start.label)
+    label[own] = label_points(voxel_centers(frames.grid, index[own]), joints)
+    position = np.array([joints[name] for name in JOINTS])
+    return replace(start, position=position, label=label), max(worse, 0.0)
 
 
 def _labels_to_carry(

@@ -186,7 +186,7 @@ def _write_body(
     hulls = [each.block for each in blocks["carving"]]
     frames = VoxelFrames(place, grid_of(source), hulls, still=still[0] if still else None)
     center = voxel_centers(frames.grid, frames.index(initial.start))
-    shape = measure_body(center, start["label"], fit["initial_joint"]).shape
+    shape = measure_body(center, fit["initial_label"], fit["initial_joint"]).shape
     write_body(
         place,
         folder,

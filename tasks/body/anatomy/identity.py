@@ -119,8 +119,9 @@ def choose_states(cost: Floats, turn: Floats) -> NDArray[np.bool_]:
 
 
 def find_exchanged(
-    position: Floats, aside: Floats, rate_hz: float, initial_frame: int
-) -> NDArray[np.bool_]:
+    position: Floats, aside: Floats, rate_hz: float, initial_frame: int,
+    initial_cost: float = np.inf,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Return (time,) in which frames two paths have each other's places.
 
     Parameters
@@ -130,16 +131,18 @@ def find_exchanged(
     aside : (time,) float64
         What the sides cost as they are, less what they cost exchanged [nats].
     initial_frame
-        Here nothing is exchanged.
+        Here the two are who they are taken for.
+    initial_cost
+        What it costs that they are not [nats]; by default they surely are.
     """
     exchanged = np.zeros(len(position), np.bool_)
     stretches = stretches_between(position, rate_hz)
-    if len(stretches) < 2:
+    if not stretches or (len(stretches) < 2 and initial_cost == np.inf):
         return exchanged
     cost = np.zeros((len(stretches), 2))
     cost[:, 1] = [-aside[first:end].sum() for first, end in stretches]
     away = [max(first - initial_frame, initial_frame - end + 1, 0) for first, end in stretches]
-    cost[int(np.argmin(away)), 1] = np.inf
+    cost[int(np.argmin(away)), 1] += initial_cost
     states = choose_states(cost, tell_turns(position, stretches, rate_hz))
     ends = [(end + first) // 2 for (_, end), (first, _) in itertools.pairwise(stretches)]
     for state, (first, end) in zip(

@@ -123,6 +123,10 @@ class Candidates:
     """(face candidate,) distance to the nearest end of the surface, statures; infinite where there
     is none. The top of a head is an end."""
 
+    face_bare: Floats
+    """(face candidate,) how much lacks around it of the colors that the head has beside skin, 0 to
+    1; 0 as long as nobody asked."""
+
 
 @dataclass(frozen=True)
 class ReferenceMasses:
@@ -191,7 +195,7 @@ def find_candidates(
     if not len(frame.center):
         none = np.empty((0, 3))
         return Candidates(
-            none, none[:, 0], np.empty(0, np.bool_), none, none[:, 0], none, none[:, 0]
+            none, none[:, 0], np.empty(0, np.bool_), none, none[:, 0], none, none[:, 0], none[:, 0]
         )
     cells = gather_cells(frame.center, _ratios(frame, model), settings.cell * stature_m)
     _, lumps, lump_skin = _lumps(cells, 0, references.hand, stature_m, settings)
@@ -215,7 +219,13 @@ def find_candidates(
         face_skin,
         (faces - heads) / stature_m,
         to_end / stature_m,
+        np.zeros(len(faces)),
     )
+
+
+def is_skin(frame: SurfaceFrame, model: SkinModel) -> NDArray[np.bool_]:
+    """Return which voxels (voxel,) have rather the color of a hand or face than another."""
+    return _ratios(frame, model).max(axis=0) > 0.0
 
 
 def _ratios(frame: SurfaceFrame, model: SkinModel) -> Floats:

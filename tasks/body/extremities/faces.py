@@ -101,7 +101,9 @@ def _face_cost(
     nearer = np.log(max(usual, 1e-9)) - np.log(np.maximum(candidates.face_end, 1e-9))
     like_hand = (nearer - settings.usual_end) / (NEAR_AS_HAND - settings.usual_end)
     lacking = lacking_skin(candidates.face_skin, settings)
-    return model.face_separability * (lacking + settings.like_hand * np.clip(like_hand, 0.0, 1.0))
+    like_hand = settings.like_hand * np.clip(like_hand, 0.0, 1.0)
+    bare = settings.no_hair * candidates.face_bare
+    return model.face_separability * (lacking + like_hand + bare)
 
 
 def _usual_end(candidates: Candidates, face: Floats) -> float:

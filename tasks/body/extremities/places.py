@@ -8,7 +8,7 @@ its way. A place's weight is how much the other paths, weighed with their likeli
 the best one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,10 +24,12 @@ from tasks.body.anatomy.skin import (
 from tasks.body.extremities.candidates import (
     Candidates,
     find_candidates,
+    is_skin,
     measure_references,
 )
 from tasks.body.extremities.faces import follow_face, initial_places, lacking_skin
 from tasks.body.extremities.feet import choose_feet, find_feet_of, learn_feet
+from tasks.body.extremities.hair import hair_around, learn_hair
 from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, best_paths
 from tasks.body.extremities.settings import ExtremitySettings
 from tasks.engine.threads import side_by_side
@@ -72,6 +74,9 @@ class Extremities:
     model: SkinModel
     """What color skin has in this take."""
 
+    feet_exchanged: bool = False
+    """Whether the initial model has the feet for each other, by what they do in the whole take."""
+
 
 def find_extremities(
     frames: Sequence[SurfaceFrame],
@@ -80,6 +85,7 @@ def find_extremities(
     joints: Mapping[str, NDArray[np.float64]],
     *,
     initial_frame: int = 0,
+    exchange_cost: Callable[[], float] | None = None,
     settings: ExtremitySettings | None = None,
 ) -> Extremities:
     """Return where face, hands and feet are in every frame of a take.
@@ -97,6 +103,8 @@ def find_extremities(
         The initial model: metres, by the names of the archive; `skin.SKIN_JOINTS` are used.
     initial_frame
         The frame that the initial model is of; the hands' sides are decided there.
+    exchange_cost
+        Tells what it costs that the feet have each other's sides there, as for `choose_feet`.
     settings
         How skin is learned, and paths are weighed.
 
@@ -127,11 +135,16 @@ def find_extremities(
     )
 
     feet = learn_feet(shown, joints, stature_m, settings.feet)
+    ball_m = settings.candidates.head_ball * stature_m
+    hair = learn_hair([(frame, is_skin(frame, model)) for frame in shown], start[0], ball_m)
 
     def find(t: int) -> tuple[Candidates, tuple[Floats, Floats]]:
         frame, none = frames[t], (np.empty((0, 3)), np.empty(0))
         stood = find_feet_of(frame, feet, stature_m, settings.feet) if feet else none
         found = find_candidates(frame, model, references, stature_m, settings.candidates)
+        if hair:
+            there = settings.enough_hair * hair_around(frame, found.face, hair, ball_m)
+            found = replace(found, face_bare=hair.known * (1.0 - np.minimum(there, 1.0)))
         return found, stood
 
     both = side_by_side(find, range(len(frames)))
@@ -146,11 +159,11 @@ def find_extremities(
     )
     if feet is None:
         return chosen
-    foot, foot_weight = choose_feet(
+    foot, foot_weight, exchanged = choose_feet(
         [stood for _, stood in both], feet, chosen.position[:, 0], chosen.facing, rate_hz,
-        stature_m, initial_frame, settings.feet,
+        stature_m, initial_frame, settings.feet, exchange_cost,
     )  # fmt: skip
-    return replace(chosen, foot=foot, foot_weight=foot_weight)
+    return replace(chosen, foot=foot, foot_weight=foot_weight, feet_exchanged=exchanged)
 
 
 def hand_ends(candidates: Sequence[Candidates], settings: ExtremitySettings) -> list[Floats]:

@@ -74,6 +74,14 @@ class ExtremitySettings:
     [nats]. With less than 1 a hand raised before the forehead was taken for the face in one of 26
     rendered captures, with 2 a face for a hand in another; in between nothing changed."""
 
+    no_hair: NotNegative = 3.0
+    """Cost of a frame (at 30 Hz) in which nothing of the head's other colors is around a face
+    [nats]. As of no skin."""
+
+    enough_hair: Positive = 1.5
+    """By what these colors are multiplied before less than all of them costs [factor]. A third may
+    be hidden; chosen, not measured."""
+
     together: NotNegative = 2.0
     """Cost of a frame (at 30 Hz) in which both hands are one lump [nats]. As of one unseen, for one
     lump is no evidence of two hands. From there on more changes nothing."""

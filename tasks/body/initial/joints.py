@@ -1,6 +1,6 @@
 """Put the joints of a body together from its arms, trunk and legs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -20,12 +20,13 @@ from tasks.body.initial.facing import vote_facing
 from tasks.body.initial.legs import (
     Depths,
     Leg,
+    bend_leg,
     find_feet,
     find_fork,
     measure_depths,
     measure_leg,
 )
-from tasks.body.initial.raised import find_raised_foot
+from tasks.body.initial.raised import find_raised_foot, standing_part
 from tasks.body.initial.trunk import Trunk, lift_hips, measure_trunk
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 
@@ -112,10 +113,7 @@ def find_joints(
         notes.append("The feet could not be told apart: the legs are a guess.")
         feet = [feet[0], feet[0]]
     joints = _place_arms(arms, trunk)
-    begin = cells.min(axis=0) - 1
-    crop = np.zeros(cells.max(axis=0) - begin + 2, np.uint8)
-    crop[tuple((cells - begin).T)] = 1
-    depths = measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
+    depths = _depths_of(cells, grid)
     joints |= _place_legs(feet, arms, trunk, depths, is_raised=is_raised)
     raised = abs(float(joints["RHeel"][1] - joints["LHeel"][1]))
     if raised > ANKLE_HEIGHT * trunk.stature_m:
@@ -130,13 +128,47 @@ def find_joints(
     return joints, sure, notes
 
 
+def exchange_feet(
+    joints: Mapping[str, Points], cells: NDArray[np.integer], grid: VoxelGrid, stature_m: float
+) -> tuple[dict[str, Points], float]:
+    """Return a person's joints with the feet exchanged, and how much worse the knees fit then.
+
+    Parameters
+    ----------
+    joints : mapping of (3,) float64
+        Metres, by the names of the archive, those of the legs complete.
+    cells : (voxel, 3) int
+        Index of the person's voxels in the grid.
+    grid
+        What was carved.
+    stature_m
+        The person's height.
+    """
+    depths = _depths_of(cells, grid)
+    left = (joints["LHip"] - joints["RHip"]) * [1.0, 0.0, 1.0]
+    left = left / max(float(np.linalg.norm(left)), 1e-9)
+    front = np.cross(left, [0.0, 1.0, 0.0])
+    feet = {side: [joints[side + name] for name in ("Ankle", "Heel", "Foot")] for side in "RL"}
+
+    def bend(side: str, foot: str, inward: Points) -> Leg:
+        ankle, heel, toe = feet[foot]
+        return bend_leg(
+            joints[side + "Hip"], (ankle, heel, toe), front, inward, depths, stature_m
+        )  # fmt: skip
+
+    kept = bend("R", "R", left).knee_cost + bend("L", "L", -left).knee_cost
+    legs = [bend("R", "L", left), bend("L", "R", -left)]
+    return dict(joints) | _joints_of(legs), sum(leg.knee_cost for leg in legs) - kept
+
+
 def _with_raised(
     foot: Points, point: Points, colored: tuple[Points, NDArray[np.uint8]], arms: Arms,
     trunk: Trunk, voxel_m: float,
 ) -> list[Points]:  # fmt: skip
     """Return a foot, and another one off the floor if there is one, against and along `left`."""
-    other = find_raised_foot(point, foot, colored, trunk.stature_m, voxel_m)
-    feet = [foot] if other is None else [foot, other]
+    stands = standing_part(foot, voxel_m)
+    other = find_raised_foot(point, stands, colored, trunk.stature_m, voxel_m)
+    feet = [foot] if other is None else [stands, other]
     return sorted(feet, key=lambda each: float(np.median(each @ arms.left)))
 
 
@@ -157,12 +189,24 @@ def _place_legs(
     ways = [measure(feet), measure(feet[::-1])]
     cost = [sum(leg.knee_cost if is_raised else leg.cost for leg in legs) for legs in ways]
     crossed = RAISED_CROSSED if is_raised else CROSSED
-    chosen = ways[0] if cost[0] <= cost[1] + crossed else ways[1]
+    return _joints_of(ways[0] if cost[0] <= cost[1] + crossed else ways[1])
+
+
+def _joints_of(legs: Sequence[Leg]) -> dict[str, Points]:
+    """Return the joints of the right and the left leg by name."""
     joints = {}
-    for name, leg in zip("RL", chosen, strict=True):
+    for name, leg in zip("RL", legs, strict=True):
         joints |= {f"{name}Hip": leg.hip, f"{name}Knee": leg.knee, f"{name}Ankle": leg.ankle}
         joints |= {f"{name}Heel": leg.heel, f"{name}Foot": leg.toe}
     return joints
+
+
+def _depths_of(cells: NDArray[np.integer], grid: VoxelGrid) -> Depths:
+    """Return how deep inside a person's voxels (voxel, 3) each voxel of a box around them lies."""
+    begin = cells.min(axis=0) - 1
+    crop = np.zeros(cells.max(axis=0) - begin + 2, np.uint8)
+    crop[tuple((cells - begin).T)] = 1
+    return measure_depths(crop, voxel_centers(grid, begin), grid.voxel_m)
 
 
 def _share_inside(joints: Mapping[str, Points], depths: Depths) -> float:

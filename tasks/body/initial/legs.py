@@ -208,16 +208,33 @@ def measure_leg(
     `front` is where the performer faces, `inward` where the other leg is: horizontal unit vectors.
     """
     toe, heel = _foot_ends(foot, front, stature_m)
-    along = (toe - heel) * [1.0, 0.0, 1.0]
-    along /= max(float(np.linalg.norm(along)), 1e-9)
-    ankle = heel + ANKLE_FROM_HEEL * FOOT_LENGTH * stature_m * along
+    ankle = heel + ANKLE_FROM_HEEL * FOOT_LENGTH * stature_m * _level(toe - heel)
     ankle[1] = foot[:, 1].min() + ANKLE_HEIGHT * stature_m
+    return bend_leg(hip, (ankle, heel, toe), front, inward, depths, stature_m)
+
+
+def bend_leg(
+    hip: Points, foot: tuple[Points, Points, Points], front: Points, inward: Points,
+    depths: Depths, stature_m: float,
+) -> Leg:  # fmt: skip
+    """Return a leg from its hip joint and its ankle, heel and toe.
+
+    `front` and `inward` are as for `measure_leg`.
+    """
+    ankle, heel, toe = foot
+    along = _level(toe - heel)
     out = np.degrees(np.arctan2(-along @ inward, along @ front))
     bends = np.radians(out - TOE_OUT)
     ahead = np.cos(bends) * front - np.sin(bends) * inward
     knee, bent = _find_knee(hip, ankle, ahead, depths, stature_m)
     turned = ((out - TURNED_OUT) / TURNED_OUT_SPREAD) ** 2
     return Leg(hip, knee, ankle, heel, toe, float(bent + turned), bent)
+
+
+def _level(way: Points) -> Points:
+    """Return the horizontal direction of a way."""
+    level = way * [1.0, 0.0, 1.0]
+    return level / max(float(np.linalg.norm(level)), 1e-9)
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:

@@ -34,6 +34,14 @@ WITHIN = 0.02
 """How far inside the surface voxels are the foot's [statures]. Half as thick as a foot; chosen."""
 
 
+def standing_part(foot: Points, voxel_m: float) -> Points:
+    """Return the largest connected piece of what is near the floor (voxel, 3), m.
+
+    The toes of a raised foot may be near the floor, too.
+    """
+    return _pieces(foot, foot[:0], voxel_m)[0]
+
+
 def find_raised_foot(
     point: Points, foot: Points, colored: tuple[Points, NDArray[np.uint8]], stature_m: float,
     voxel_m: float,

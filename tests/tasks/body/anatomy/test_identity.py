@@ -75,6 +75,13 @@ def test_one_that_is_unseen_exchanges_with_nobody():
     assert not find_exchanged(position, np.full(FRAMES, 5.0), 30.0, 0).any()
 
 
+def test_who_was_taken_for_whom_in_the_initial_frame_is_told_by_the_sides_of_all():
+    position = meet(passing=True, beside=0.4)  # never one lump
+    for aside, cost, taken in ((0.2, 5.0, True), (0.2, 50.0, False), (-0.2, 5.0, False)):
+        found = find_exchanged(position, np.full(FRAMES, aside), 30.0, 0, cost)
+        assert (found == taken).all()
+
+
 def test_nobody_is_exchanged_where_nobody_is_seen():
     assert not find_exchanged(np.full((5, 2, 3), np.nan), np.zeros(5), 30.0, 2).any()
     assert not find_exchanged(np.zeros((5, 2, 3)), np.ones(5), 30.0, 2).any()

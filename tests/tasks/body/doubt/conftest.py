@@ -46,5 +46,6 @@ def right():
         np.empty(0),
         np.empty((0, 3)),
         np.empty(0),
+        np.empty(0),
     )
     return fitted, [seen] * FRAMES

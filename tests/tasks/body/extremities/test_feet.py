@@ -8,6 +8,7 @@ from tasks.body.anatomy.skin import SurfaceFrame
 from tasks.body.extremities.feet import (
     FootSettings,
     _find_low,
+    _still_around,
     choose_feet,
     find_feet_of,
     learn_feet,
@@ -75,13 +76,60 @@ def test_feet_that_cross_keep_their_sides(rng):
     found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
     face = np.tile((0.0, 1.5, 0.1), (30, 1))
     facing = np.tile((0.0, 0.0, 1.0), (30, 1))
-    place, weight = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS)
+    place, weight, _ = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS)
     seen = np.isfinite(place[:, 0, 0])
     assert not seen[18:22].any()
     assert seen.sum() == 26
     assert np.linalg.norm(place[seen, 0] - right[seen], axis=1).max() < 0.05
     assert np.linalg.norm(place[:, 1] - left, axis=1).max() < 0.05
     assert weight[seen, 0].min() > 0.5
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_feet_that_were_taken_for_each_other_are_told_by_the_take(rng, taken):
+    """They stand one before the other at first, and on their sides later."""
+    t = np.clip(np.linspace(-1.0, 1.0, 90), 0.0, 1.0)[:, None]
+    right = np.array([0.01, 0.04, 0.2]) - t * (0.16, 0.0, 0.1)
+    left = np.array([-0.01, 0.04, -0.1]) + t * (0.16, 0.0, 0.1)
+    frames = [dancer(rng, r, o) for r, o in zip(right, left, strict=True)]
+    first = (left[0], right[0]) if taken else (right[0], left[0])
+    feet = learn_feet(frames[:3], joints_at(*first), STATURE, SETTINGS)
+    assert feet is not None
+    found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
+    face, facing = np.tile((0.0, 1.5, 0.1), (90, 1)), np.tile((0.0, 0.0, 1.0), (90, 1))
+    place, _, told = choose_feet(
+        found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, lambda: 0.0
+    )
+    assert told == taken
+    assert np.linalg.norm(place[:, 0] - right, axis=1).max() < 0.05
+    for cost in (None, lambda: 100.0):
+        *_, told = choose_feet(found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, cost)
+        assert not told
+
+
+def test_feet_that_stay_crossed_for_long_at_first_are_right(rng):
+    """The initial model has heard what their sides tell as long as they stay."""
+    t = np.clip(np.linspace(-3.0, 1.0, 90), 0.0, 1.0)[:, None]
+    right = np.array([0.05, 0.04, 0.2]) - t * (0.12, 0.0, 0.0)
+    left = np.array([-0.05, 0.04, -0.1]) + t * (0.12, 0.0, 0.0)
+    frames = [dancer(rng, r, o) for r, o in zip(right, left, strict=True)]
+    feet = learn_feet(frames[:3], joints_at(right[0], left[0]), STATURE, SETTINGS)
+    assert feet is not None
+    found = [find_feet_of(frame, feet, STATURE, SETTINGS) for frame in frames]
+    face, facing = np.tile((0.0, 1.5, 0.1), (90, 1)), np.tile((0.0, 0.0, 1.0), (90, 1))
+    place, _, told = choose_feet(
+        found, feet, face, facing, RATE_HZ, STATURE, 0, SETTINGS, lambda: 0.0
+    )
+    assert not told
+    assert np.linalg.norm(place[:, 0] - right, axis=1).max() < 0.05
+
+
+def test_what_feet_that_stand_as_at_first_tell_is_not_heard_again():
+    position = np.zeros((9, 2, 3))
+    position[:2, 0], position[6:, 1], position[4] = 0.2, 0.1, np.nan
+    assert _still_around(position, 3) == (2, 6)
+    assert _still_around(position[2:6], 1) == (0, 4)
+    assert _still_around(np.full((4, 2, 3), np.nan), 1) == (0, 4)
 
 
 def test_feet_like_the_cloth_say_that_they_say_nothing(rng):

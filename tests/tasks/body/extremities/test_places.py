@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tasks.body.anatomy.skin import SkinModel, SurfaceFrame
 from tasks.body.extremities.candidates import Candidates, CandidateSettings
-from tasks.body.extremities.faces import _above_necks, initial_places
+from tasks.body.extremities.faces import _above_necks, follow_face, initial_places
 from tasks.body.extremities.feet import FootSettings
 from tasks.body.extremities.paths import Motion
 from tasks.body.extremities.places import _hand_costs, find_extremities, hand_ends
@@ -51,6 +53,12 @@ def test_hands_that_cross_keep_their_sides(rng, sash):
     assert (np.linalg.norm(face, axis=1) < 0.06).all()
     assert (found.facing[:, 2] > 0.9).all()
     assert abs(found.facing[:, 0]).max() < 0.2
+    spots = np.concatenate([each.face for each in found.candidates])
+    bare = np.concatenate([each.face_bare for each in found.candidates])
+    away = np.linalg.norm(spots - [0.0, 1.49, 0.07], axis=1)
+    assert (bare[away < 0.06] < 0.3).all()
+    assert (bare[away > 0.4] > 0.5).all()
+    assert (away > 0.4).any()
 
 
 @too_slow_interpreted
@@ -164,7 +172,9 @@ def test_a_neck_is_not_the_face_beside_it():
     def seen(face_end, skin):
         none = np.empty((0, 3))
         face = np.array([[0.0, 1.55, 0.05], [0.0, 1.45, 0.0], [0.3, 1.2, 0.0]])
-        return Candidates(none, none[:, 0], np.empty(0, bool), face, skin, 0 * face, face_end)
+        return Candidates(
+            none, none[:, 0], np.empty(0, bool), face, skin, 0 * face, face_end, 0 * skin
+        )
 
     usual = seen(np.array([0.08, 0.14, 0.05]), np.array([1.0, 0.8, 0.9]))
     turned = seen(np.array([0.09, 0.15, 0.08]), np.array([0.7, 1.0, 0.9]))
@@ -179,13 +189,41 @@ def test_a_neck_is_not_the_face_beside_it():
     np.testing.assert_array_equal(lost, places)
 
 
+def test_a_hand_that_passes_is_not_the_face(rng):
+    """It shows more skin than the face, which is half hidden meanwhile, but no hair is around."""
+    way = np.linspace(-0.5, 0.5, 41)[:, None] * (0.0, 1.2, 0.0) + (0.06, 1.5, 0.12)
+    none = np.empty((0, 3))
+    frames = []
+    for hand, far in zip(way, np.abs(np.linspace(-1.0, 1.0, 41)), strict=True):
+        face = np.array([rng.normal((0.0, 1.5, 0.07), 0.02), hand])
+        skin, end = np.array([0.3 + 0.7 * far, 1.0]), np.full(2, 0.09)
+        frames.append(
+            Candidates(none, none[:, 0], np.empty(0, bool), face, skin, 0 * face, end, 0 * end)
+        )
+    table = np.zeros((64, 64, 64), np.float32)
+    model, start = SkinModel(table, table, 1.0, 1.0), frames[0].face[0] / STATURE_M
+
+    def follow(bare):
+        seen = [replace(frame, face_bare=np.array([0.0, bare])) for frame in frames]
+        place, *_ = follow_face(
+            seen, model, RATE_HZ, STATURE_M, start,
+            initial_frame=0, settings=ExtremitySettings(),
+        )  # fmt: skip
+        return np.linalg.norm(place - [frame.face[0] for frame in frames], axis=1)
+
+    assert follow(0.0)[-1] > 0.3
+    assert np.nanmax(follow(1.0)) < 1e-6
+
+
 def test_the_nape_is_no_hand():
     """A kimono shows the nape: skin behind the neck, which no hand needs to explain."""
     start = initial_places(JOINTS, STATURE_M) / STATURE_M
     face, neck = start[0] * STATURE_M, np.asarray(JOINTS["Neck"])
     nape, chest, belly = (0.0, 0.02, -0.05), (0.0, -0.05, 0.25), (0.1, -0.4, 0.15)
     hand, none = neck + np.array([nape, chest, belly]), np.zeros((1, 3))
-    frame = Candidates(hand, np.ones(3), np.ones(3, bool), face[None], np.ones(1), none, np.ones(1))
+    frame = Candidates(
+        hand, np.ones(3), np.ones(3, bool), face[None], np.ones(1), none, np.ones(1), np.zeros(1)
+    )  # fmt: skip
     table = np.zeros((64, 64, 64), np.float32)
     [cost] = _hand_costs(
         [frame], [hand / STATURE_M], (start[:1], np.array([[0.0, 0.0, 1.0]])), start, JOINTS,
@@ -213,7 +251,7 @@ def test_what_shows_enough_skin_may_be_a_hand_though_it_is_no_end():
     place = np.arange(9.0).reshape(3, 3)
     frame = Candidates(
         place, np.array([0.1, 0.3, 0.5]), np.array([True, False, False]), place, place[0], place,
-        place[0],
+        place[0], place[0],
     )  # fmt: skip
     [usual] = hand_ends([frame], ExtremitySettings())
     np.testing.assert_array_equal(usual, place)

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from tasks.body.initial.joints import exchange_feet
 from tasks.body.initial.legs import find_feet, find_fork, measure_depths, measure_leg
+from tasks.geometry.voxels import VoxelGrid
 
 ORIGIN = np.array([-0.5, 0.01, -0.5])
 CENTER = np.stack(np.meshgrid(*(np.arange(100),) * 3, indexing="ij"), -1) * 0.01 + ORIGIN
@@ -116,3 +118,39 @@ def test_one_foot_and_legs_that_never_meet_have_no_fork():
     assert find_fork(cells, point, feet[:1]) is None
     cells, point, feet = standing(fork=1000)
     assert find_fork(cells, point, feet) is None
+
+
+def legs_at(skirt):
+    """Return joints of legs side by side, and the hull of trousers, or of a skirt around them."""
+    joints = {}
+    for side, out in (("R", -1.0), ("L", 1.0)):
+        x = 0.1 * out
+        joints |= {side + "Hip": np.array([x, 0.85, 0.0]), side + "Knee": np.array([x, 0.46, 0.02])}
+        joints |= {
+            side + "Ankle": np.array([x, 0.07, 0.0]),
+            side + "Heel": np.array([x, 0.02, -0.06]),
+        }
+        joints[side + "Foot"] = np.array([x, 0.02, 0.2])
+    if skirt:
+        return joints, skirt_of(np.array([0.0, 0.85, 0.0]), np.array([0.0, 0.07, 0.0]))
+    hull = np.zeros(CENTER.shape[:3], bool)
+    for side in "RL":
+        for a, b in ((side + "Hip", side + "Knee"), (side + "Knee", side + "Ankle")):
+            way = joints[b] - joints[a]
+            share = np.clip((CENTER - joints[a]) @ way / (way @ way), 0, 1)[..., None]
+            hull |= np.linalg.norm(CENTER - joints[a] - share * way, axis=-1) < 0.06
+    return joints, hull
+
+
+@pytest.mark.parametrize("skirt", [False, True])
+def test_feet_are_exchanged_and_what_the_knees_say_of_it(skirt):
+    joints, hull = legs_at(skirt)
+    grid = VoxelGrid((-0.5, 0.01, -0.5), 0.01, (100, 100, 100))
+    found, worse = exchange_feet(joints, np.argwhere(hull), grid, STATURE)
+    for side, other in ("RL", "LR"):
+        for name in ("Ankle", "Heel", "Foot"):
+            np.testing.assert_allclose(found[side + name], joints[other + name])
+        np.testing.assert_array_equal(found[side + "Hip"], joints[side + "Hip"])
+    assert (worse > 8.0) == (not skirt)
+    _, back = exchange_feet(found, np.argwhere(hull), grid, STATURE)
+    assert back == pytest.approx(-worse, abs=1e-9)

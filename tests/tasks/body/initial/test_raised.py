@@ -1,8 +1,11 @@
 """A raised foot is found by the colors of the one that stands, and by nothing less."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from tasks.body.initial.joints import _with_raised
 from tasks.body.initial.raised import find_raised_foot
 
 VOXEL_M, STATURE_M = 0.01, 1.6
@@ -41,6 +44,20 @@ def test_a_foot_off_the_floor_is_found_by_its_color(rng):
     own = (np.abs(found - RAISED.mean(axis=0)) < [0.07, 0.06, 0.14]).all(axis=1)
     assert own.all()
     assert len(found) >= len(RAISED)
+
+
+def test_a_foot_on_tiptoe_is_found_whose_toes_are_as_low_as_the_one_that_stands(rng):
+    tiptoe = RAISED - [0.0, 0.22, 0.0]
+    toes = tiptoe[tiptoe[:, 1] < 0.06]
+    point, colored = seen(rng, (STANDS, SOCK), (tiptoe, SOCK), (ROBE, SKIRT))
+    body = SimpleNamespace(left=np.array([1.0, 0.0, 0.0]), stature_m=STATURE_M)
+    low = np.concatenate([toes, STANDS])
+    right, left = _with_raised(low, point, colored, body, body, VOXEL_M)
+    np.testing.assert_array_equal(right, STANDS)
+    assert (left[:, 0] > 0.0).all()
+    assert len(left) >= len(tiptoe)
+    [alone] = _with_raised(low, ROBE, (STANDS, colored[1][: len(STANDS)]), body, body, VOXEL_M)
+    np.testing.assert_array_equal(alone, low)
 
 
 @pytest.mark.parametrize(

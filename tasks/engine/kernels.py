@@ -58,7 +58,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     options
         Those of `numba.njit`.
     """
-    inlined = {"forceinline": True} if options.get("fastmath") else {}
+    inlined: dict[str, Any] = {"forceinline": True} if options.get("fastmath") else {}
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**_NOT_FROM_C | inlined | options)(function)

@@ -5,6 +5,7 @@ The paper goes from frame to frame: provisional labels, pose, final labels. So d
 labels the voxels of a frame is then known for every frame.
 """
 
+import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -44,6 +45,8 @@ from tasks.engine.settings import check_ranges
 from tasks.geometry.voxel_lines import marked_centers
 from tasks.geometry.voxels import voxel_centers
 from tasks.reconstruction.voxel_frames import HullFrames, VoxelFrames
+
+_logger = logging.getLogger(__name__)
 
 _ORIGIN = [JOINTS.index(name) for name in ORIGINS]
 
@@ -158,6 +161,7 @@ def fit_take(
             arrays["doubtful"] = arrays["doubtful"] | told
         if "doubt" in arrays:
             arrays |= settle_doubt(arrays["doubt"], arrays["quality"], arrays, settings.doubts)
+    _logger.info("fitted %d frames, %d doubtful", len(frames), int(arrays["doubtful"].sum()))
     arrays["initial_label"] = start.label
     arrays["seen"] = seen.position
     arrays["skin_hand"], arrays["skin_face"] = seen.model.hand, seen.model.face

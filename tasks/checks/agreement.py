@@ -323,10 +323,9 @@ def _empty_frames(case: _Case) -> list[int]:
 
 def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes: list[str]) -> None:
     """Say how much of the hull is outside the volume."""
+    voxel_m = case.consistency.scene.voxel_m
     hulls = [
-        main_parts(
-            voxels.points[case.consistency.hull(voxels, trusted)], case.consistency.scene.voxel_m
-        )
+        main_parts(voxels.points[case.consistency.hull(voxels, trusted)], case.grid, voxel_m)
         for voxels in case.consistency.voxels
     ]
     tallest = max((float(np.ptp(hull[:, 1])) for hull in hulls if len(hull)), default=0.0)
@@ -336,7 +335,7 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
             "its scale wrong? Say the unit under [video]."
         )
     points = np.concatenate(hulls)
-    outside = ~is_inside(points, case.grid, case.consistency.scene.voxel_m)
+    outside = ~is_inside(points, case.grid, voxel_m)
     if not outside.any():
         return
     share = float(outside.mean())

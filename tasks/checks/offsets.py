@@ -23,6 +23,7 @@ from tasks.capture.offsets import (
     measure_lateness,
     reach_of,
 )
+from tasks.capture.standing import find_standing
 from tasks.capture.tangency import Touches, join_touches, usable_touches
 from tasks.geometry.projection import Projection
 
@@ -47,6 +48,9 @@ Played backwards it leaves 3.6 to 4.2 times as much; with 3 frames lost twice.""
 _USUAL_LEFT_PX = 2.0
 """What may be left of any film [px]. Measured 0.5 to 0.9 where nothing is wrong, 1.5 to 1.9 with 3
 frames lost, 5.6 to 6.8 played backwards."""
+
+_STANDING_S = 1.0
+"""For how long a film stands still that is said to [s]. Less is as frames that are lost."""
 
 _CORRECTED = 0.5
 """From how much lateness another frame is the nearest [frames]."""
@@ -89,7 +93,7 @@ class Beginnings:
     """How many frames later than the others a film is, once it is read as capture.toml says; NaN
     where that cannot be known."""
     loses: tuple[bool, ...]
-    """Whether frames are lacking in a film."""
+    """Whether frames are lacking in a film, or it stands still."""
     line: str = ""
     """What is to stand in capture.toml, where something else stands there now."""
 
@@ -125,7 +129,11 @@ def judge_beginnings(
     found = _in_frames(measure_lateness(touches, reach_of(looked_at, round(reach_s))), timing.step)
     sure = _tells(found, SURE_PX)
     parts = _parts(passages, touches, gap, timing, round(reach_s))
-    lost = [_lost(camera, parts, touches, timing) for camera in range(len(timing.names))]
+    stands = _standing(passages, timing)
+    lost = [
+        stands.get(camera) or _lost(camera, parts, touches, timing)
+        for camera in range(len(timing.names))
+    ]
     loses = np.array([bool(each) for each in lost])
     late = np.where(sure & ~loses, found.late, np.nan)
     faults = [*filter(None, lost)]
@@ -191,6 +199,22 @@ def _parts(
             parts.append(_Part(start, end, (at + a, at + b), _in_frames(own, timing.step)))
         at += count + gap
     return parts
+
+
+def _standing(passages: Sequence[Passage], timing: Timing) -> dict[int, str]:
+    """Return a sentence of each camera whose film stands still while the others go on."""
+    least = max(2, round(_STANDING_S * timing.fps / timing.step))
+    ranges: dict[int, list[str]] = {}
+    for passage in passages:
+        for camera, first, end in find_standing(passage.touches, least):
+            a, b = (passage.start + timing.step * n for n in (first, end - 1))
+            ranges.setdefault(camera, []).append(f"{a}-{b}")
+    return {
+        camera: f"the film of camera {timing.names[camera]!r} stands still in frames "
+        f"{', '.join(stretches)} of the take, while the others go on: bring it as the camera has "
+        "it, cut these frames off, or leave the camera out"
+        for camera, stretches in ranges.items()
+    }
 
 
 def _lost(camera: int, parts: Sequence[_Part], touches: Touches, timing: Timing) -> str:

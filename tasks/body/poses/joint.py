@@ -9,7 +9,6 @@ moved to the centers that bones turn about in all frames. At last every frame is
 the poses of its neighbors.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -48,8 +47,6 @@ from tasks.geometry.voxels import VoxelGrid, VoxelRuns, voxel_centers, voxel_ind
 
 Floats = NDArray[np.float64]
 
-
-_logger = logging.getLogger(__name__)
 
 RIDES_ON: dict[str, str] = {"Head": "Head", "Neck": "Body", "Waist": "Waist"}
 """The bone that carries each joint."""
@@ -326,7 +323,6 @@ def describe_fits(
     support = np.stack([fit.support for fit in fits])
     quality = np.clip(support[:, : len(SEGMENTS)], 0.0, 1.0)
     doubtful = quality.min(1) < take.settings.doubtful_support
-    _logger.info("fitted %d frames, %d doubtful", frames, int(doubtful.sum()))
     poses = tuple(fit.pose for fit in fits)
     return FittedPoses(
         position, initial, rotation, proximal, quality, doubtful, unsure, poses, model, account

@@ -11,6 +11,9 @@ from scipy.spatial import KDTree
 
 from tasks.geometry.voxels import VoxelGrid
 
+_SCRAP = 0.05
+"""A part of a hull with fewer of its voxels is a scrap [share]. Chosen, not measured."""
+
 
 def grid_corners(grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and the highest corner (3,) of a grid, m."""
@@ -27,15 +30,22 @@ def is_inside(
     return np.asarray(inside.all(axis=1))
 
 
-def main_parts(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """Return the voxels (voxel, 3) of a hull without the scraps that silhouettes leave elsewhere.
+def main_parts(points: NDArray[np.float64], grid: VoxelGrid, voxel_m: float) -> NDArray[np.float64]:
+    """Return the voxels (voxel, 3) of a hull without what silhouettes leave elsewhere.
 
-    Parts nearer to each other than three voxels are one; a scrap has less than a twentieth.
+    Parts nearer to each other than three voxels are one. Left out are scraps, of less than a
+    twentieth, and what lies wholly outside the grid while the largest part does not: the
+    performer is one body, and far from it the silhouettes of a few cameras meet by chance.
     """
     if not len(points):
         return points
     part = parts_of(points, voxel_m)
-    return points[np.bincount(part)[part] >= 0.05 * len(points)]
+    size = np.bincount(part)
+    kept = (size >= _SCRAP * len(points)) & np.isin(
+        np.arange(len(size)), part[is_inside(points, grid)]
+    )
+    kept[size.argmax()] = True
+    return points[kept[part]]
 
 
 def parts_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int32]:

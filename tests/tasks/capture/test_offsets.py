@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tasks.capture.offsets import LIKELY_PX, SURE_PX, find_loss, measure_lateness, reach_of
+from tasks.capture.standing import find_standing
 from tasks.capture.tangency import (
     find_outline,
     find_touches,
@@ -152,6 +153,32 @@ def test_frames_lost_in_a_film_are_told_with_their_place(frames):
     assert abs(place - 1090) <= 6
     twice = [every, every, np.insert(every, 90, [90] * frames), every, every]
     assert "has twice" in judge(cut(whole, twice)).faults[0]
+
+
+def test_a_film_that_stands_still_while_the_others_go_on_is_told_with_its_frames():
+    whole = touches_at([0.0] * CAMERAS, frames=200)
+    every = np.arange(200)
+    hangs = np.where((every >= 60) & (every < 130), 60, every)
+    said = judge(cut(whole, [every, every, every, hangs, every]), start=1000)
+    [fault] = said.faults
+    assert "the film of camera 'cam3' stands still in frames 1" in fault
+    first, last = map(int, fault.split("in frames ")[1].split()[0].split("-"))
+    assert first == 1060
+    assert last == 1129
+    assert said.loses == (False, False, False, True, False)
+    assert said.notes == ()
+    blinks = np.where((every >= 60) & (every < 85), 60, every)
+    assert not find_standing(cut(whole, [every, every, every, blinks, every]), 30)
+
+
+def test_a_performer_who_stands_still_stops_no_film(together):
+    every = np.arange(FRAMES)
+    pauses = np.where((every >= 30) & (every < 75), 30, every)
+    assert find_standing(cut(together, [pauses] * CAMERAS), 30) == []
+    assert find_standing(cut(together, [every, every, every, pauses, every]), 30) == [(3, 30, 75)]
+    unseen = cut(together, [every, every, every, pauses, every])
+    unseen.planes[:, :, :, 30:75] = np.nan
+    assert find_standing(unseen, 30) == []
 
 
 def test_the_place_of_a_loss_is_found_by_trying_each(together):

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from tasks.checks.agreement import AgreementSettings, check_agreement
-from tasks.checks.hulls.bounds import fitting_box, main_parts, parts_of
+from tasks.checks.hulls.bounds import (
+    fitting_box,
+    grid_corners,
+    is_inside,
+    main_parts,
+    parts_of,
+)
 from tasks.checks.hulls.voxel_consistency import hull_of, make_scene, measure_voxel_consistency
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import volume_grid
@@ -261,10 +267,24 @@ def test_voxels_less_than_three_apart_are_of_one_part(spread):
     np.testing.assert_array_equal(part[:, None] == part, lowest[:, None] == lowest)
 
 
+def test_what_is_wholly_outside_the_volume_is_the_performer_only_where_it_is_the_largest_part():
+    """Of three parts a body reaches out of the volume, and another is a phantom beyond it."""
+    block = np.stack(np.meshgrid(*[np.arange(9) * 0.02] * 3), axis=-1).reshape(-1, 3)
+    _, high = grid_corners(GRID)
+    reaching = block + high - [0.08, 1.0, 1.0]
+    phantom = block[: len(block) // 2] + high + [0.5, -1.0, -1.0]
+    assert 0 < is_inside(reaching, GRID).sum() < len(reaching)
+    both = np.concatenate([reaching, phantom])
+    np.testing.assert_array_equal(main_parts(both, GRID, 0.02), reaching)
+    both = np.concatenate([reaching[: len(reaching) // 4], phantom])
+    np.testing.assert_array_equal(main_parts(both, GRID, 0.02), both)
+    np.testing.assert_array_equal(main_parts(phantom, GRID, 0.02), phantom)
+
+
 def test_scraps_of_a_hull_need_no_room():
     body = np.stack(np.meshgrid(*[np.arange(9) * 0.02] * 3), axis=-1).reshape(-1, 3)
     scrap = np.array([[3.0, 1.0, 0.0], [3.0, 1.02, 0.0]])
-    np.testing.assert_array_equal(main_parts(np.concatenate([body, scrap]), 0.02), body)
+    np.testing.assert_array_equal(main_parts(np.concatenate([body, scrap]), GRID, 0.02), body)
     center, size = fitting_box(body + np.array([0.0, 0.03, 0.3]), 0.0, 0.1)
     assert center == [0.1, 0.15, 0.4]
     assert size == [0.4, 0.3, 0.4]

@@ -37,8 +37,8 @@ def find_standing(touches: Touches, least: int) -> list[tuple[int, int, int]]:
     found = []
     for camera in range(touches.cameras):
         others = np.delete(change, camera, axis=0)
-        told = ~np.isnan(others).all(axis=0)
-        usual = np.zeros(len(told))
+        told = np.isfinite(others).sum(axis=0) > 0
+        usual = np.zeros(others.shape[1])
         usual[told] = np.nanmedian(others[:, told], axis=0)
         own = np.where(np.isnan(change[camera]), np.inf, change[camera])
         own_mean, usual_mean = (

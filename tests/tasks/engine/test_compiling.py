@@ -39,6 +39,7 @@ def compiled(tmp_path_factory):
 def run(package, *arguments, **environment):
     """Run Python beside a package; return its lines."""
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "COVERAGE_"))}
+    inherited["PYTHONDONTWRITEBYTECODE"] = "1"  # which would hide what `edit` does
     done = subprocess.run(
         [sys.executable, *arguments], cwd=package.parent, env=inherited | environment,
         capture_output=True, text=True,

@@ -46,12 +46,11 @@ def find_standing(touches: Touches, least: int) -> list[tuple[int, int, int]]:
         )
         still = (own_mean <= _STILL * usual_mean) & (usual_mean >= _MOVING_PX)
         stands = np.zeros(touches.frames, np.bool_)
-        for first in np.flatnonzero(still):
-            stands[first : first + least + 1] = True
-        for first, end in runs(stands):  # at both ends a window may hold a step or two
-            quiet = own[first : end - 1] <= _STILL * usual[first : end - 1].mean()
+        for first in np.flatnonzero(still):  # at both ends a window may hold a step that moves
+            quiet = own[first : first + least] <= _STILL * usual_mean[first]
             steps = first + np.flatnonzero(quiet)
-            found.append((camera, int(steps[0]), int(steps[-1]) + 2))
+            stands[steps[0] : steps[-1] + 2] = True
+        found += [(camera, first, end) for first, end in runs(stands)]
     return found
 
 

@@ -6,6 +6,7 @@ import pytest
 from tasks.capture.offsets import LIKELY_PX, SURE_PX, find_loss, measure_lateness, reach_of
 from tasks.capture.standing import find_standing
 from tasks.capture.tangency import (
+    Touches,
     find_outline,
     find_touches,
     join_outlines,
@@ -169,6 +170,14 @@ def test_a_film_that_stands_still_while_the_others_go_on_is_told_with_its_frames
     assert said.notes == ()
     blinks = np.where((every >= 60) & (every < 85), 60, every)
     assert not find_standing(cut(whole, [every, every, every, blinks, every]), 30)
+
+
+def test_a_film_that_stands_still_while_the_others_pause_at_both_ends_is_told():
+    """Each stretch of two steps holds the one in which the others move."""
+    own, others = 0.2 * np.arange(4.0), np.array([0.0, 0.0, 10.0, 10.0])
+    pairs = np.array([[0, 1], [0, 2], [1, 2]])
+    planes = np.array([[[own if c == 0 else others] * 2 for c in pair] for pair in pairs])
+    assert find_standing(Touches(3, pairs, planes.astype(np.float32)), 2) == [(0, 0, 4)]
 
 
 def test_a_performer_who_stands_still_stops_no_film(together):

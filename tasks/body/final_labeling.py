@@ -47,11 +47,10 @@ def label_block(
     place = open_archive(archive).place
     frames = VoxelFrames(place, grid_of(capture_of(capture, digest)), hulls, still=still)
     fit = read_block(place, fitted)
-    given = read_block(place, initial, ["label"])["label"]
 
     def label(frame: int) -> NDArray[np.uint8]:
         if "blob_mean" in fit and frame == initial.start:
-            own = given  # the paper's labels of t = 0 are placed, not computed
+            own = fit["initial_label"]  # the paper's labels of t = 0 are placed, not computed
         else:
             own = _label_frame(frames, frame, fit)
         kept = frames.kept(frame)

@@ -40,12 +40,13 @@ def test_what_is_left_out_has_the_label_0_in_the_archives_order(scene, monkeypat
     monkeypatch.setattr(final_labeling, "capture_of", lambda *_: None)
     monkeypatch.setattr(final_labeling, "grid_of", lambda _: GRID)
     low = np.argwhere(occupied & ~things)[:, 0] < 5
-    initial = write("i", (0, 1), label=np.where(low, 3, 8).astype(np.uint8))
+    given = np.where(low, 3, 8).astype(np.uint8)
+    initial = write("i", (0, 1), label=given)
     mean = np.zeros((2, 11, 3)) + np.array([0.1, 0.2, 0.15])
     mean[:, 7] = (0.7, 0.2, 0.15)
     mean[:, :2] = mean[:, 3:7] = mean[:, 8:] = 99.0
     inverse = np.broadcast_to(np.eye(3), (2, 11, 3, 3))
-    fitted = write("f", (0, 2), blob_mean=mean, blob_inverse=inverse)
+    fitted = write("f", (0, 2), blob_mean=mean, blob_inverse=inverse, initial_label=given)
     made = label_block(archive, "", "", [hull], initial, fitted, "work/l", 0, 2, still)
     read = read_block(place, made.block)
     voxel = np.argwhere(occupied)

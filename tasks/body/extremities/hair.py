@@ -16,13 +16,14 @@ from storage.schema import NO_CAMERA
 from tasks.body.anatomy.colors import color_cells, count_colors, log_ratio
 from tasks.body.anatomy.skin import SurfaceFrame, separability
 from tasks.body.extremities.candidates import MOST_OWN
+from tasks.body.extremities.feet import KNOWN_FROM
 from tasks.engine.kernels import njit
 
 Floats = NDArray[np.float64]
 
-KNOWN_FROM = 0.5
-"""Logarithm of how much likelier a color is on the head from which it is recognized [nats]. As of a
-foot."""
+LEAST_MASS = 1.0
+"""Sum of the ratios around the face below which nothing of the head shows but skin [nats]. A few
+voxels; chosen, not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,22 +55,20 @@ def learn_hair(
     radius_m
         Of the ball around a face that holds the front half of the head.
     """
-    heads, others, shown = [], [], []
+    heads, others = [], []
     for frame, skin in frames:
         told = ~skin & (frame.camera != NO_CAMERA)
         near = np.linalg.norm(frame.center - face, axis=1) < radius_m
         cell = color_cells(frame.color)
         heads.append(cell[told & near & (frame.center[:, 1] > face[1])])
         others.append(cell[told & ~near])
-        shown.append(frame)
     head, other = np.concatenate(heads), np.concatenate(others)
     if not len(head) or not len(other):
         return None
     ratio = np.clip(log_ratio(count_colors(head), count_colors(other)), 0.0, MOST_OWN)
     known = separability(ratio, head, other, least=KNOWN_FROM)
-    colors = HairColors(ratio, known, 1.0)
-    mass = np.mean([_sum_around(frame, face[None], ratio, radius_m)[0] for frame in shown])
-    return HairColors(ratio, known, float(mass)) if mass > colors.mass else None
+    mass = np.mean([_sum_around(frame, face[None], ratio, radius_m)[0] for frame, _ in frames])
+    return HairColors(ratio, known, float(mass)) if mass > LEAST_MASS else None
 
 
 def hair_around(frame: SurfaceFrame, face: Floats, colors: HairColors, radius_m: float) -> Floats:

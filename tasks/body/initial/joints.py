@@ -14,6 +14,7 @@ from tasks.body.anatomy.proportions import (
     SHOULDER_SHARE,
     UPPER_ARM_SHARE,
     Points,
+    unit,
 )
 from tasks.body.initial.arms import Arms, lengthen_arms, missing_reach
 from tasks.body.initial.facing import vote_facing
@@ -145,16 +146,12 @@ def exchange_feet(
         The person's height.
     """
     depths = _depths_of(cells, grid)
-    left = (joints["LHip"] - joints["RHip"]) * [1.0, 0.0, 1.0]
-    left = left / max(float(np.linalg.norm(left)), 1e-9)
+    left = unit((joints["LHip"] - joints["RHip"]) * [1.0, 0.0, 1.0])
     front = np.cross(left, [0.0, 1.0, 0.0])
-    feet = {side: [joints[side + name] for name in ("Ankle", "Heel", "Foot")] for side in "RL"}
 
     def bend(side: str, foot: str, inward: Points) -> Leg:
-        ankle, heel, toe = feet[foot]
-        return bend_leg(
-            joints[side + "Hip"], (ankle, heel, toe), front, inward, depths, stature_m
-        )  # fmt: skip
+        ends = joints[foot + "Ankle"], joints[foot + "Heel"], joints[foot + "Foot"]
+        return bend_leg(joints[side + "Hip"], ends, front, inward, depths, stature_m)
 
     kept = bend("R", "R", left).knee_cost + bend("L", "L", -left).knee_cost
     legs = [bend("R", "L", left), bend("L", "R", -left)]

@@ -23,6 +23,7 @@ from tasks.body.anatomy.proportions import (
     TOE_OUT,
     Points,
     leg_share,
+    unit,
 )
 
 KNEE_ASIDE = 0.03
@@ -233,8 +234,7 @@ def bend_leg(
 
 def _level(way: Points) -> Points:
     """Return the horizontal direction of a way."""
-    level = way * [1.0, 0.0, 1.0]
-    return level / max(float(np.linalg.norm(level)), 1e-9)
+    return unit(way * [1.0, 0.0, 1.0])
 
 
 def _foot_ends(foot: Points, front: Points, stature_m: float) -> tuple[Points, Points]:

@@ -40,10 +40,8 @@ def main_parts(points: NDArray[np.float64], grid: VoxelGrid, voxel_m: float) -> 
     if not len(points):
         return points
     part = parts_of(points, voxel_m)
-    size = np.bincount(part)
-    kept = (size >= _SCRAP * len(points)) & np.isin(
-        np.arange(len(size)), part[is_inside(points, grid)]
-    )
+    size, inside = np.bincount(part), np.bincount(part, is_inside(points, grid))
+    kept = (size >= _SCRAP * len(points)) & (inside > 0)
     kept[size.argmax()] = True
     return points[kept[part]]
 

@@ -180,6 +180,14 @@ def test_a_film_that_stands_still_while_the_others_pause_at_both_ends_is_told():
     assert find_standing(Touches(3, pairs, planes.astype(np.float32)), 2) == [(0, 0, 4)]
 
 
+def test_a_camera_that_a_performer_moves_toward_stands_not_still():
+    """Planes through it stay where they are by the other cameras too."""
+    still, others = np.zeros(60), 2.0 * np.arange(60.0)
+    pairs = np.array([[0, 1], [0, 2], [1, 2]])
+    planes = np.array([[[still if 0 in pair else others] * 2 for _ in pair] for pair in pairs])
+    assert find_standing(Touches(3, pairs, planes.astype(np.float32)), 30) == []
+
+
 def test_a_performer_who_stands_still_stops_no_film(together):
     every = np.arange(FRAMES)
     pauses = np.where((every >= 30) & (every < 75), 30, every)

@@ -16,11 +16,12 @@ from storage.formats.pictures.pictures import write_png
 from storage.formats.pictures.video import VIDEO_SUFFIXES, open_video, read_frames
 from tasks.checks.examination import _names_apart
 from tasks.checks.pictures import draw_silhouette
+from tasks.exporting.demonstration import write_recordings
 from tasks.studio.cameras import RingSettings, generate_cameras
 from tasks.studio.dancing.choreography import okuri48
 from tasks.studio.dancing.openings import stretch_arms_first
 from tasks.studio.filming import FilmSettings, film_capture
-from tasks.studio.performances import TK, generate_performance
+from tasks.studio.performances import TK, demo_performances, generate_performance
 from tests.conftest import swaying_body
 from tests.figures.films import write_film
 
@@ -69,6 +70,15 @@ def film_of(capture, number):
 
 
 @pytest.mark.slow
+def test_the_films_of_the_demo_are_good(tmp_path, monkeypatch, capsys):
+    """What a new user tries first; in it the performer moves toward a camera for two seconds."""
+    monkeypatch.chdir(tmp_path)
+    performances, _ = demo_performances()
+    recordings = write_recordings(tmp_path / "demo", performances)
+    [films] = (path for path in recordings.iterdir() if path.is_dir())
+    assert main(["doctor", str(films)]) == 0, capsys.readouterr()
+
+
 def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys, tmp_path):
     before = sorted(capture.rglob("*"))
     assert main(["doctor", str(capture)]) == 0

@@ -38,7 +38,7 @@ from tasks.body.labels.things import find_staying
 from tasks.body.paper_method import Start, fit_as_paper
 from tasks.body.poses.joint import FittedPoses, fit_poses, fitted_blobs
 from tasks.body.poses.paper import PaperMethodSettings
-from tasks.body.poses.passes import JointMethodSettings
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.capture.films import frames_all_over, grid_of
 from tasks.engine.progress import within
 from tasks.engine.settings import check_ranges

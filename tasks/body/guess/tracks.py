@@ -19,7 +19,8 @@ from tasks.body.extremities.places import Extremities, find_extremities
 from tasks.body.guess.single_frames import Shown, forward
 from tasks.body.guess.usual_body import UsualBody
 from tasks.body.poses.joint import RIDES_ON, fit_in_passes, fit_poses
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.motion.stature import take_stature
 
 _RIDES = np.array([BONES.index(RIDES_ON[name]) for name in JOINTS])

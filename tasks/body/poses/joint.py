@@ -32,14 +32,8 @@ from tasks.body.blobs.model import FitModel, make_model, place_model
 from tasks.body.blobs.samples import Surfaces, draw_samples, learn_looks
 from tasks.body.poses.feet import turn_feet
 from tasks.body.poses.hands import look_for_hands
-from tasks.body.poses.passes import (
-    Fitting,
-    JointMethodSettings,
-    follow,
-    merge,
-    settle,
-    settle_centers,
-)
+from tasks.body.poses.passes import Fitting, follow, merge, settle, settle_centers
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.body.poses.sides import tell_sides
 from tasks.body.poses.worn import exchange_by_colors
 from tasks.engine.progress import within

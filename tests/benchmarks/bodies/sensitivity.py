@@ -19,7 +19,7 @@ from tasks.body.extremities.settings import ExtremitySettings
 from tasks.body.initial.search import InitialModel, InitialModelSettings, find_initial_model
 from tasks.body.pose_fitting import cues_of
 from tasks.body.poses.joint import fit_poses
-from tasks.body.poses.passes import JointMethodSettings
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import VoxelRuns, join_runs, voxel_centers
 from tasks.motion.stature import take_stature
 from tests.benchmarks.bodies.runs import Voxels

@@ -11,7 +11,8 @@ from tasks.body.blobs.samples import draw_samples
 from tasks.body.extremities.candidates import Candidates
 from tasks.body.poses.joint import Account, FittedPoses
 from tasks.body.poses.limbs import LIMBS
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 

@@ -9,7 +9,8 @@ from tasks.body.anatomy.bones import BONES, Pose, rest_pose, rotation_of
 from tasks.body.blobs.fitting import FitSettings, fit_frame
 from tasks.body.blobs.samples import draw_samples
 from tasks.body.poses.feet import turn_feet
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 

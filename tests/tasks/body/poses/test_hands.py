@@ -10,7 +10,8 @@ from tasks.body.blobs.fitting import fit_frame
 from tasks.body.blobs.samples import draw_samples
 from tasks.body.poses.hands import look_for_hands
 from tasks.body.poses.limbs import LIMBS, reach_for
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 

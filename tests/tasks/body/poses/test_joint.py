@@ -20,7 +20,8 @@ from tasks.body.blobs.fitting import (
 from tasks.body.blobs.model import make_model
 from tasks.body.poses import joint
 from tasks.body.poses.joint import fit_poses, fitted_blobs
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, take_frame, voxel_centers, voxel_index
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 

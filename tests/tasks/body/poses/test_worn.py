@@ -10,7 +10,8 @@ from tasks.body.anatomy.colors import color_cells
 from tasks.body.blobs.fitting import Fit
 from tasks.body.poses import worn
 from tasks.body.poses.limbs import LIMBS
-from tasks.body.poses.passes import Fitting, JointMethodSettings
+from tasks.body.poses.passes import Fitting
+from tasks.body.poses.settings import JointMethodSettings
 from tasks.geometry.voxels import encode_runs, voxel_centers, voxel_index
 from tests.figures.tube_figures import GRID, figure_of_tubes, model_of
 

@@ -8,7 +8,7 @@ from tasks.capture.films import projection_of
 from tasks.checks.bodies import held_notes
 from tasks.geometry.voxels import VoxelGrid, voxel_centers
 from tasks.studio.cameras import RingSettings, generate_cameras
-from tests.tasks.reconstruction.test_held import GRID, body, rod
+from tests.tasks.reconstruction.regions.test_held import GRID, body, rod
 
 CAMERAS = generate_cameras(
     RingSettings(cameras=6, radius_m=4.4, size=(640, 480), distortion=(0.0, 0.0)),

@@ -17,7 +17,8 @@ from tasks.body.anatomy.identity import find_exchanged
 from tasks.body.anatomy.skin import SurfaceFrame, separability
 from tasks.body.extremities.candidates import LEAST_OWN, MOST_OWN, find_lumps
 from tasks.body.extremities.cells import gather_cells
-from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, Motion, best_paths
+from tasks.body.extremities.moves import Motion
+from tasks.body.extremities.paths import FARTHEST_ASIDE, PACE_HZ, best_paths
 from tasks.engine.kernels import njit
 from tasks.engine.settings import Count, NotNegative, Positive, check_ranges
 

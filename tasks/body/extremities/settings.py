@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from tasks.body.anatomy.skin import SkinSettings
 from tasks.body.extremities.candidates import CandidateSettings
 from tasks.body.extremities.feet import FootSettings
-from tasks.body.extremities.paths import Motion
+from tasks.body.extremities.moves import Motion
 from tasks.engine.settings import NotNegative, Positive, check_ranges
 
 FACE_SPEED = 0.6

@@ -3,7 +3,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tasks.body.extremities.paths import Motion, best_paths
+from tasks.body.extremities.moves import Motion
+from tasks.body.extremities.paths import best_paths
 
 PLAIN = Motion(settled_s=0.0, ghosts=60)
 """Without velocities the cost of a path is a sum, and with enough ghosts no path is lost."""

@@ -7,7 +7,7 @@ from tasks.body.anatomy.skin import SkinModel, SurfaceFrame
 from tasks.body.extremities.candidates import Candidates, CandidateSettings
 from tasks.body.extremities.faces import _above_necks, follow_face, initial_places
 from tasks.body.extremities.feet import FootSettings
-from tasks.body.extremities.paths import Motion
+from tasks.body.extremities.moves import Motion
 from tasks.body.extremities.places import _hand_costs, find_extremities, hand_ends
 from tasks.body.extremities.settings import ExtremitySettings
 from tests.figures.skin_figures import CLOTH, GOLD, JOINTS, SKIN, STATURE_M, STRETCHED, dancer

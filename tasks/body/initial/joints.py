@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from tasks.body.anatomy.proportions import (
     ANKLE_HEIGHT,
+    FOOT_HEIGHT,
     FOREARM_SHARE,
     HIP_SHARE,
     SHOULDER_SHARE,
@@ -132,7 +133,10 @@ def find_joints(
 def exchange_feet(
     joints: Mapping[str, Points], cells: NDArray[np.integer], grid: VoxelGrid, stature_m: float
 ) -> tuple[dict[str, Points], float]:
-    """Return a person's joints with the feet exchanged, and how much worse the knees fit then.
+    """Return a person's joints with the feet exchanged, and how much worse the legs fit then.
+
+    Beside what the knees say, legs that are crossed then are as unlikely as where they are measured
+    first, the more so the farther the feet are to their sides.
 
     Parameters
     ----------
@@ -155,7 +159,12 @@ def exchange_feet(
 
     kept = bend("R", "R", left).knee_cost + bend("L", "L", -left).knee_cost
     legs = [bend("R", "L", left), bend("L", "R", -left)]
-    return dict(joints) | _joints_of(legs), sum(leg.knee_cost for leg in legs) - kept
+    apart = joints["LAnkle"] - joints["RAnkle"]
+    stand = abs(apart[1]) < FOOT_HEIGHT * stature_m
+    aside = np.clip(float(apart @ left) / (2 * HIP_SHARE * stature_m), -1.0, 1.0)
+    worse = sum(leg.knee_cost for leg in legs) - kept
+    worse += (CROSSED if stand else RAISED_CROSSED) * aside
+    return dict(joints) | _joints_of(legs), float(worse)
 
 
 def _with_raised(

@@ -152,5 +152,20 @@ def test_feet_are_exchanged_and_what_the_knees_say_of_it(skirt):
             np.testing.assert_allclose(found[side + name], joints[other + name])
         np.testing.assert_array_equal(found[side + "Hip"], joints[side + "Hip"])
     assert (worse > 8.0) == (not skirt)
+    assert worse > 5.0  # they cross
     _, back = exchange_feet(found, np.argwhere(hull), grid, STATURE)
     assert back == pytest.approx(-worse, abs=1e-9)
+
+
+def test_feet_in_line_or_off_the_floor_may_be_exchanged_as_the_take_says():
+    """Under a skirt nothing else is known of legs."""
+    grid = VoxelGrid((-0.5, 0.01, -0.5), 0.01, (100, 100, 100))
+    joints, hull = legs_at(skirt=True)
+    raised = {name: joint.copy() for name, joint in joints.items()}
+    for name in ("Ankle", "Heel", "Foot"):
+        raised["L" + name][1] += 0.2
+        joints["R" + name][0], joints["L" + name][0] = -0.01, 0.01
+        joints["L" + name][2] += 0.3
+    for each in (joints, raised):
+        _, worse = exchange_feet(each, np.argwhere(hull), grid, STATURE)
+        assert abs(worse) < 3.0

@@ -245,7 +245,7 @@ def test_a_camera_that_sees_nobody_does_not_disturb_the_others():
 def moving_in(touches, chosen, share):
     """The planes move by this share between cameras of the chosen ones, and stand still else."""
     middle = np.nanmedian(touches.planes, axis=-1, keepdims=True)
-    moves = share * np.isin(touches.pairs, chosen).all(axis=1)[:, None, None, None]
+    moves = share * np.all(np.isin(touches.pairs, chosen), axis=1)[:, None, None, None]
     planes = middle + moves * (touches.planes - middle)
     return type(touches)(touches.cameras, touches.pairs, planes.astype(np.float32))
 

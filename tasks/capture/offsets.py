@@ -3,7 +3,7 @@
 Of each pair of cameras the planes that touch the performer (`tasks.capture.tangency`) are compared
 at every lag. Whole frames are found that make the sum over all pairs least, from several starts;
 then the lags of the pairs, between frames, are brought together by least squares. Lateness is
-against the majority: the median camera is not late.
+against the majority: the median is not late of the cameras that tell when they began.
 
 How sure a number is tells its *growth*: by how many pixels the disagreement with the other cameras
 grows two frames from the best. A performer who stands still, or another film, gives none.
@@ -49,7 +49,7 @@ class Lateness:
     """What the silhouettes tell; (camera,) arrays."""
 
     late: NDArray[np.float64]
-    """How many frames later than the median camera each film began."""
+    """How many frames later each film began than the median of those that tell it."""
     growth: NDArray[np.float64]
     """How sure that is [px]; 0 where a camera cannot be compared."""
     left: NDArray[np.float64]
@@ -81,6 +81,9 @@ def measure_lateness(touches: Touches, reach: int) -> Lateness:
     whole = _whole_frames(cost, reach)
     shift = _between_frames(cost, whole)
     growth, left = _sureness(cost, whole, reach)
+    tells = growth >= LIKELY_PX
+    if tells.any():  # any lag fits a film that tells nothing: it is no measure for the others
+        shift = shift - np.median(shift[tells])
     return Lateness(-shift, growth, left)
 
 

@@ -29,7 +29,9 @@ _FEWEST_PX = 50
 """How many pixels must have moved for two frames to tell something [px]."""
 
 _FEWEST_PAIRS = 3
-"""How many pairs of frames with motion must agree [pairs]. Chosen by eye; not measured."""
+"""How many pairs of frames with motion must agree, beyond those that disagree [pairs]. Chosen by
+eye. In a film of whole frames at 120 Hz little moved in three pairs, of factors 1.8, 0.65 and 1.3;
+their median alone would have it combed."""
 
 _LEAN = 1.3
 """How many times as rough the one mixture is as the other in a combed film, at least [factor].
@@ -77,7 +79,7 @@ def order_of_fields(leans: Sequence[float]) -> str:
     if len(leans) < _FEWEST_PAIRS:
         return ""
     lean = float(np.median(leans))
-    if abs(lean) < np.log(_LEAN):
+    if abs(lean) < np.log(_LEAN) or abs(np.sign(leans).sum()) < _FEWEST_PAIRS:
         return ""
     return EVEN_FIRST if lean < 0.0 else ODD_FIRST
 

@@ -240,3 +240,31 @@ def test_a_camera_that_sees_nobody_does_not_disturb_the_others():
     assert said.late_frames[1] == pytest.approx(2.0, abs=0.2)
     assert "camera 'cam3' began cannot be known" in said.notes[0]
     assert LIKELY_PX < SURE_PX
+
+
+def moving_in(touches, chosen, share):
+    """The planes move by this share between cameras of the chosen ones, and stand still else."""
+    middle = np.nanmedian(touches.planes, axis=-1, keepdims=True)
+    moves = share * np.all(np.isin(touches.pairs, chosen), axis=1)[:, None, None, None]
+    planes = middle + moves * (touches.planes - middle)
+    return type(touches)(touches.cameras, touches.pairs, planes.astype(np.float32))
+
+
+@pytest.mark.parametrize("share", [0.04, 0.2])
+def test_films_that_tell_nothing_are_no_measure_for_those_that_do(share):
+    """Any lag fits the last two, so that with them the film that is late was the one in step."""
+    touches = moving_in(touches_at([0.0, 2.0, 0.0, 0.0, 0.0]), [0, 1, 2], share)
+    late = measure_lateness(touches, reach_of(FRAMES, 60)).late
+    np.testing.assert_allclose(late[:3], [0.0, 2.0, 0.0], atol=0.1)
+    together = moving_in(touches_at([0.0] * CAMERAS), [0, 1], share)
+    assert judge(together).faults == ()
+
+
+def test_where_few_films_tell_none_seems_late_and_where_most_do_one_does():
+    """Of two films that differ by two frames either may be late."""
+    late = touches_at([0.0, 4.0, 0.0, 0.0, 0.0])
+    few = judge(moving_in(late, [0, 1], 0.1))
+    assert few.faults == ()
+    assert few.notes[0].startswith("Whether the films began together cannot be known")
+    most = judge(moving_in(late, [0, 1, 2, 3], 0.04))
+    assert most.notes[0].startswith("The film of camera 'cam1' seems to be 4.0 frames")

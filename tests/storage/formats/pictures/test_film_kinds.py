@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from storage.errors import InputError
+from storage.formats.pictures.combing import EVEN_FIRST, ODD_FIRST, order_of_fields
 from storage.formats.pictures.video import (
     VIDEO_SUFFIXES,
     open_video,
@@ -370,3 +371,11 @@ def test_a_film_that_says_that_it_is_huge_is_refused_before_it_is_decoded(tmp_pa
 def test_the_dates_of_a_film_ascend(tmp_path):
     video = open_video(write_film(tmp_path / "film.mts", moving(30), "libx264"))
     assert all(a < b for a, b in pairwise(video.dates))
+
+
+def test_a_film_is_combed_only_where_three_pairs_more_lean_one_way_than_the_other():
+    """The first three are of a film of whole frames at 120 Hz, in which little moved."""
+    assert order_of_fields([0.586, -0.4341, 0.263]) == ""
+    assert order_of_fields([0.586, 0.4341, 0.263]) == ODD_FIRST
+    assert order_of_fields([-0.586, -0.4341, -0.3, -0.4, 0.1]) == EVEN_FIRST
+    assert order_of_fields([0.586, 0.4341]) == ""

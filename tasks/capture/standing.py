@@ -65,7 +65,7 @@ def _changes(touches: Touches, camera: int) -> tuple[NDArray[np.float64], NDArra
     others = moved[pair, 1 - side].reshape(-1, moved.shape[-1])
     known = ~np.isnan(own) & ~np.isnan(others)
     there = known.any(axis=0)
-    mean, median = np.full(len(there), np.inf), np.zeros(len(there))
+    mean, median = np.full(moved.shape[-1], np.inf), np.zeros(moved.shape[-1])
     mean[there] = np.nanmean(np.where(known, own, np.nan)[:, there], axis=0)
     median[there] = np.nanmedian(np.where(known, others, np.nan)[:, there], axis=0)
     return mean, median

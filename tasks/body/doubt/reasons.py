@@ -38,11 +38,11 @@ class DoubtSettings:
         If a number is out of its range.
     """
 
-    doubtful: Share = 0.08
+    doubtful: Share = 0.06
     """A frame is doubtful where some segment is in the wrong place with a greater probability. Of
-    dances left out of the learning it found 0.93 of the wrong frames, and 0.36 of the frames that
-    it named were wrong; 0.05 has 0.96 and 0.31, 0.14 has 0.82 and 0.41, 0.2 has 0.77 and 0.48. It
-    is lower than 0.8 asks for: of fifteen other captures 0.14 found 0.71 only."""
+    dances left out of the learning it found 0.95 of the wrong frames, and 0.39 of the frames that
+    it named were wrong; 0.05 has 0.97 and 0.37, 0.08 has 0.91 and 0.42, 0.14 has 0.85 and 0.49. It
+    is lower than 0.8 asks for: of fifteen other captures it found 0.84, and 0.08 only 0.75."""
 
     other_cause: Share = 0.15
     """How doubtful each segment is at least where the body was measured with little confidence,

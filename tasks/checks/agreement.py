@@ -30,6 +30,10 @@ from tasks.engine.threads import side_by_side
 from tasks.geometry.projection import Projection
 from tasks.geometry.voxels import VoxelGrid
 
+_LEAST_OUTSIDE = 0.002
+"""Less of the hull outside the volume is not said [share]. A hand is some 0.006 of a body; the
+hulls of three cameras reached 0.001 out of a volume that held the performer."""
+
 _FILMED = 0.1
 """Of how much of the hull a camera that sees nobody must film the place to be a fault [share].
 Chosen, not measured."""
@@ -336,9 +340,9 @@ def _judge_volume(case: _Case, trusted: Sequence[int], faults: list[str], notes:
         )
     points = np.concatenate(hulls)
     outside = ~is_inside(points, case.grid, voxel_m)
-    if not outside.any():
+    share = float(outside.mean()) if len(outside) else 0.0
+    if share < _LEAST_OUTSIDE:
         return
-    share = float(outside.mean())
     floor_m = float(grid_corners(case.grid)[0][1])
     center, size = fitting_box(points, floor_m, case.settings.margin_m)
     said = (

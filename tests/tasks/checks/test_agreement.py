@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tasks.checks import agreement
 from tasks.checks.agreement import AgreementSettings, check_agreement
 from tasks.checks.hulls.bounds import (
     fitting_box,
@@ -194,6 +195,23 @@ def test_a_volume_beside_the_performer_is_told_where_to_be(cameras, silhouettes,
     assert (told - size / 2 <= low + 0.01).all()
     assert (told + size / 2 >= high - 0.01).all()
     assert (size <= high - low + 0.5).all()
+
+
+def test_a_few_voxels_outside_the_volume_are_not_said(cameras, silhouettes, monkeypatch):
+    """The volume ends lower and lower in the performer's head."""
+
+    def shares():
+        for rows in range(GRID.shape[1] - 40, GRID.shape[1]):
+            grid = dataclasses.replace(GRID, shape=(GRID.shape[0], rows, GRID.shape[2]))
+            found = check_agreement(silhouettes[:1], projection_of(cameras), grid, NAMES)
+            for said in (*found.faults, *found.notes):
+                if "outside the volume" in said:
+                    yield float(said.split("%")[0])
+
+    smallest = min(shares())
+    assert smallest < 0.5
+    monkeypatch.setattr(agreement, "_LEAST_OUTSIDE", (smallest + 0.1) / 100)
+    assert min(shares()) > smallest
 
 
 def test_a_giant_is_told_from_a_wrong_unit(cameras, silhouettes):

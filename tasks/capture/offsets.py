@@ -81,10 +81,8 @@ def measure_lateness(touches: Touches, reach: int) -> Lateness:
     whole = _whole_frames(cost, reach)
     shift = _between_frames(cost, whole)
     growth, left = _sureness(cost, whole, reach)
-    tells = growth >= LIKELY_PX
-    if tells.any():  # any lag fits a film that tells nothing: it is no measure for the others
-        shift = shift - np.median(shift[tells])
-    return Lateness(-shift, growth, left)
+    tells = growth >= LIKELY_PX  # any lag fits a film that does not: it is no measure for others
+    return Lateness(np.median(shift[tells] if tells.any() else shift) - shift, growth, left)
 
 
 def _costs(touches: Touches, most: int) -> NDArray[np.float64]:
@@ -176,8 +174,7 @@ def _between_frames(cost: NDArray[np.float64], whole: NDArray[np.int64]) -> NDAr
         row[one], row[other] = -weight, weight
         rows.append(row)
         lags.append(weight * (_tip(own[at - 3 : at + 4]) + at - 3 - most))
-    shift = np.linalg.lstsq(np.array(rows), np.array(lags), rcond=None)[0]
-    return shift - np.median(shift)
+    return np.linalg.lstsq(np.array(rows), np.array(lags), rcond=None)[0]
 
 
 def _tip(values: NDArray[np.float64]) -> float:

@@ -37,9 +37,10 @@ def find_standing(touches: Touches, least: int) -> list[tuple[int, int, int]]:
     """
     if touches.frames <= least:
         return []
+    moved = np.abs(np.diff(touches.planes.astype(np.float64), axis=-1))
     found = []
     for camera in range(touches.cameras):
-        own, usual = _changes(touches, camera)
+        own, usual = _changes(moved, touches.pairs == camera)
         own_mean, usual_mean = (
             sliding_window_view(each, least).mean(axis=1) for each in (own, usual)
         )
@@ -53,14 +54,22 @@ def find_standing(touches: Touches, least: int) -> list[tuple[int, int, int]]:
     return found
 
 
-def _changes(touches: Touches, camera: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _changes(
+    moved: NDArray[np.float64], is_own: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (time - 1,) how far planes move to the next frame, by a camera and by the others [px].
 
     By the camera it is the mean, infinity where none is known; by the others, of which one may
     stand still itself, the median, 0 where none is known.
+
+    Parameters
+    ----------
+    moved : (pair, 2, 2, time - 1) float64
+        How far each of `Touches.planes` moves.
+    is_own : (pair, 2) bool
+        Which of a pair is the camera.
     """
-    moved = np.abs(np.diff(touches.planes.astype(np.float64), axis=-1))
-    pair, side = np.nonzero(touches.pairs == camera)
+    pair, side = np.nonzero(is_own)
     own = moved[pair, side].reshape(-1, moved.shape[-1])
     others = moved[pair, 1 - side].reshape(-1, moved.shape[-1])
     known = ~np.isnan(own) & ~np.isnan(others)

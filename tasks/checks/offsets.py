@@ -272,9 +272,8 @@ def _notes(found: Lateness, known: NDArray[np.bool_], timing: Timing, looked_at:
         return [f"Whether the films began together cannot be known from {looked_at} frames."]
     notes = []
     told = _tells(found, LIKELY_PX)
-    likely = ~known & told
-    if 2 * told.sum() <= len(told):  # late is against the majority, and that is not known either
-        likely[:] = False
+    most_tell = 2 * told.sum() > len(told)  # else it is not known either who is the majority
+    likely = ~known & told & most_tell
     for c in np.flatnonzero(likely & (np.abs(found.late) >= timing.late_frames)).tolist():
         notes.append(
             f"The film of camera {timing.names[c]!r} seems to be {_by(found.late[c], timing)}, "

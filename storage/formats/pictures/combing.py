@@ -76,10 +76,10 @@ def order_of_fields(leans: Sequence[float]) -> str:
 
     It is "" where the frames are whole, or too little moves to tell.
     """
-    if len(leans) < _FEWEST_PAIRS:
+    if abs(np.sign(leans).sum()) < _FEWEST_PAIRS:
         return ""
     lean = float(np.median(leans))
-    if abs(lean) < np.log(_LEAN) or abs(np.sign(leans).sum()) < _FEWEST_PAIRS:
+    if abs(lean) < np.log(_LEAN):
         return ""
     return EVEN_FIRST if lean < 0.0 else ODD_FIRST
 

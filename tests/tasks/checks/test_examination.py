@@ -79,6 +79,7 @@ def test_the_films_of_the_demo_are_good(tmp_path, monkeypatch, capsys):
     assert main(["doctor", str(films)]) == 0, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_a_good_capture_is_reported_and_drawn_and_left_as_it_is(capture, capsys, tmp_path):
     before = sorted(capture.rglob("*"))
     assert main(["doctor", str(capture)]) == 0
